@@ -1,0 +1,39 @@
+"""Array aliases, named for what they hold, and the read-only guard of value objects."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from navcore.errors import DataError
+
+Floats = NDArray[np.float64]
+"""Any array of float64."""
+Stamps = NDArray[np.int64]
+"""(N,) nanoseconds."""
+Vectors = NDArray[np.float64]
+"""(..., 3)."""
+Rotations = NDArray[np.float64]
+"""(..., 3, 3) rotation matrices."""
+Quaternions = NDArray[np.float64]
+"""(..., 4) unit quaternions, Hamilton, xyzw."""
+Pixels = NDArray[np.float64]
+"""(..., 2) pixel coordinates; the centre of the top-left pixel is (0, 0)."""
+Mask = NDArray[np.bool_]
+"""Booleans."""
+Image = NDArray[np.uint8]
+"""(height, width) grey values."""
+
+
+def frozen(name: str, value: ArrayLike, dtype: Any, shape: tuple[int | None, ...]) -> NDArray[Any]:
+    """A read-only copy of `value` as `dtype`, its shape checked; None in `shape` allows any length.
+
+    Raises:
+        DataError: the shape differs; the message gives both.
+    """
+    array = np.array(value, dtype=dtype)
+    if array.ndim != len(shape) or any(want not in (None, got) for want, got in zip(shape, array.shape, strict=True)):
+        wanted = "(" + ", ".join("N" if n is None else str(n) for n in shape) + ")"
+        raise DataError(f"{name} has shape {array.shape}, expected {wanted}")
+    array.setflags(write=False)
+    return array

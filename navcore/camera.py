@@ -1,0 +1,229 @@
+"""Camera models: pinhole with radial-tangential or equidistant distortion.
+
+Points are in the camera frame C (z forward), pixels follow OpenCV: the centre of the top-left pixel is (0, 0).
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from navcore.arrays import Floats, Mask, Pixels, Vectors
+from navcore.errors import DataError
+
+_NEWTON_STEPS = 20
+_NEWTON_TOLERANCE = 1e-13
+_MIN_DEPTH = 1e-6
+
+
+@dataclass(frozen=True)
+class Camera(ABC):
+    """Intrinsics of one camera.
+
+    Attributes:
+        width, height: pixels.
+        fx, fy, cx, cy: focal lengths and principal point [px].
+        distortion: four coefficients of the model.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+
+    model: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        if len(self.distortion) != 4:
+            raise DataError(f"{self.model} takes 4 distortion coefficients, got {len(self.distortion)}")
+        if not (self.width > 0 and self.height > 0 and self.fx > 0.0 and self.fy > 0.0):
+            raise DataError(f"camera size and focal lengths must be positive: {self}")
+
+    @property
+    def focal(self) -> float:
+        """Mean focal length [px]: pixels per radian at the centre."""
+        return 0.5 * (self.fx + self.fy)
+
+    @abstractmethod
+    def _distort(self, p_CF: Vectors) -> tuple[Floats, Floats]:
+        """Distorted normalised coordinates (..., 2) and their Jacobian by the point (..., 2, 3)."""
+
+    @abstractmethod
+    def _undistort(self, xy: Floats) -> Vectors:
+        """Unit bearings (..., 3) of distorted normalised coordinates (..., 2)."""
+
+    @abstractmethod
+    def _unfolded(self, p_CF: Vectors) -> Mask:
+        """Whether the model is one-to-one at these points (..., 3)."""
+
+    def project(self, p_CF: Vectors) -> Pixels:
+        """Pixels (..., 2) of points (..., 3) in C [m]. Points that `visible` refuses give finite nonsense."""
+        xy, _ = self._distort(np.asarray(p_CF, dtype=np.float64))
+        return xy * self._focals + self._centre
+
+    def project_jacobian(self, p_CF: Vectors) -> tuple[Pixels, Floats]:
+        """Pixels (..., 2) and their derivative by the point in C, (..., 2, 3) [px/m]."""
+        xy, J = self._distort(np.asarray(p_CF, dtype=np.float64))
+        return xy * self._focals + self._centre, J * self._focals[:, None]
+
+    def unproject(self, uv: Pixels) -> Vectors:
+        """Unit bearings (..., 3) in C of pixels (..., 2)."""
+        return self._undistort((np.asarray(uv, dtype=np.float64) - self._centre) / self._focals)
+
+    def visible(self, p_CF: Vectors) -> Mask:
+        """Whether points (..., 3) in C are imaged: in front, inside the picture, where the model holds."""
+        p_CF = np.asarray(p_CF, dtype=np.float64)
+        uv = self.project(p_CF)
+        return self._unfolded(p_CF) & self.inside(uv)
+
+    def inside(self, uv: Pixels, border: float = 0.0) -> Mask:
+        """Whether pixels (..., 2) lie within the picture, at least `border` px from its edge."""
+        u, v = uv[..., 0], uv[..., 1]
+        low = border - 0.5
+        inside = (u >= low) & (v >= low) & (u < self.width - 1 - low) & (v < self.height - 1 - low)
+        return np.asarray(inside)
+
+    @cached_property
+    def _focals(self) -> Floats:
+        return np.array([self.fx, self.fy])
+
+    @cached_property
+    def _centre(self) -> Floats:
+        return np.array([self.cx, self.cy])
+
+
+@dataclass(frozen=True)
+class PinholeRadtan(Camera):
+    """Pinhole with radial-tangential distortion (k1, k2, p1, p2), as OpenCV's and Kalibr's `radtan`."""
+
+    model: ClassVar[str] = "pinhole-radtan"
+
+    def _distort(self, p_CF: Vectors) -> tuple[Floats, Floats]:
+        z = np.where(np.abs(p_CF[..., 2]) < _MIN_DEPTH, _MIN_DEPTH, p_CF[..., 2])
+        xy = p_CF[..., :2] / z[..., None]
+        out, D = self._radtan(xy)
+        J = np.empty((*xy.shape, 3))
+        J[..., :2] = D / z[..., None, None]
+        J[..., 2] = -(D @ xy[..., None])[..., 0] / z[..., None]
+        return out, J
+
+    def _radtan(self, xy: Floats) -> tuple[Floats, Floats]:
+        """Distortion of undistorted (..., 2), with its (..., 2, 2) Jacobian."""
+        k1, k2, p1, p2 = self.distortion
+        x, y = xy[..., 0], xy[..., 1]
+        xx, yy, xyp = x * x, y * y, x * y
+        r2 = xx + yy
+        radial = 1.0 + r2 * (k1 + k2 * r2)
+        slope = 2.0 * (k1 + 2.0 * k2 * r2)  # d(radial)/dx = slope * x
+        out = np.empty_like(xy)
+        out[..., 0] = x * radial + 2.0 * p1 * xyp + p2 * (r2 + 2.0 * xx)
+        out[..., 1] = y * radial + p1 * (r2 + 2.0 * yy) + 2.0 * p2 * xyp
+        D = np.empty((*xy.shape, 2))
+        D[..., 0, 0] = radial + slope * xx + 2.0 * p1 * y + 6.0 * p2 * x
+        D[..., 0, 1] = D[..., 1, 0] = slope * xyp + 2.0 * p1 * x + 2.0 * p2 * y
+        D[..., 1, 1] = radial + slope * yy + 6.0 * p1 * y + 2.0 * p2 * x
+        return out, D
+
+    def _undistort(self, xy: Floats) -> Vectors:
+        guess = xy.copy()
+        for _ in range(_NEWTON_STEPS):
+            out, D = self._radtan(guess)
+            r = xy - out
+            det = D[..., 0, 0] * D[..., 1, 1] - D[..., 0, 1] * D[..., 1, 0]
+            det = np.where(np.abs(det) < 1e-9, 1e-9, det)
+            step = np.empty_like(r)
+            step[..., 0] = (D[..., 1, 1] * r[..., 0] - D[..., 0, 1] * r[..., 1]) / det
+            step[..., 1] = (D[..., 0, 0] * r[..., 1] - D[..., 1, 0] * r[..., 0]) / det
+            guess = guess + np.clip(step, -0.5, 0.5)
+            if step.size == 0 or np.abs(step).max() < _NEWTON_TOLERANCE:
+                break
+        rays = np.concatenate([guess, np.ones((*xy.shape[:-1], 1))], axis=-1)
+        unit: Vectors = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+        return unit
+
+    def _unfolded(self, p_CF: Vectors) -> Mask:
+        in_front = p_CF[..., 2] > _MIN_DEPTH
+        z = np.where(in_front, p_CF[..., 2], 1.0)
+        r2 = np.sum((p_CF[..., :2] / z[..., None]) ** 2, axis=-1)
+        return np.asarray(in_front & (r2 < self._max_r2))
+
+    @cached_property
+    def _max_r2(self) -> float:
+        """Squared radius at which d/dr (r + k1 r^3 + k2 r^5) vanishes; infinite if it never does."""
+        k1, k2, _, _ = self.distortion
+        roots = np.roots([5.0 * k2, 3.0 * k1, 1.0])
+        real = roots[np.isreal(roots)].real
+        positive = real[real > 0.0]
+        return float(positive.min()) if positive.size else np.inf
+
+
+@dataclass(frozen=True)
+class PinholeEquidistant(Camera):
+    """Fisheye with Kannala-Brandt's odd polynomial (k1..k4), as OpenCV's `fisheye` and Kalibr's `equidistant`."""
+
+    model: ClassVar[str] = "pinhole-equidistant"
+
+    def _polynomial(self, theta: Floats) -> tuple[Floats, Floats]:
+        """theta_d and its derivative."""
+        k1, k2, k3, k4 = self.distortion
+        t2 = theta * theta
+        value = theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
+        slope = 1.0 + t2 * (3.0 * k1 + t2 * (5.0 * k2 + t2 * (7.0 * k3 + t2 * 9.0 * k4)))
+        return value, slope
+
+    def _distort(self, p_CF: Vectors) -> tuple[Floats, Floats]:
+        x, y, z = p_CF[..., 0], p_CF[..., 1], p_CF[..., 2]
+        r2 = x * x + y * y
+        r = np.sqrt(r2)
+        near = r < 1e-9 * np.abs(z)  # on the axis the model is the plain pinhole
+        safe_r = np.where(near, 1.0, r)
+        value, slope = self._polynomial(np.arctan2(r, z))
+        norm2 = np.maximum(r2 + z * z, _MIN_DEPTH**2)
+        safe_z = np.where(np.abs(z) < _MIN_DEPTH, _MIN_DEPTH, z)
+        gain = np.where(near, 1.0 / safe_z, value / safe_r)  # theta_d / r
+        xy = p_CF[..., :2] * gain[..., None]
+        radial = np.where(near, 0.0, (slope * z / norm2 - gain) / np.where(near, 1.0, r2))  # d(gain)/dr / r
+        J = np.empty((*xy.shape, 3))
+        J[..., 0, 0] = gain + radial * x * x
+        J[..., 0, 1] = J[..., 1, 0] = radial * x * y
+        J[..., 1, 1] = gain + radial * y * y
+        J[..., :, 2] = -p_CF[..., :2] * np.where(near, 1.0 / safe_z**2, slope / norm2)[..., None]
+        return xy, J
+
+    def _undistort(self, xy: Floats) -> Vectors:
+        theta_d = np.linalg.norm(xy, axis=-1)
+        theta = theta_d.copy()
+        for _ in range(_NEWTON_STEPS):
+            value, slope = self._polynomial(theta)
+            step = (theta_d - value) / np.maximum(slope, 0.1)
+            theta = np.clip(theta + step, 0.0, np.pi)
+            if step.size == 0 or np.abs(step).max() < _NEWTON_TOLERANCE:
+                break
+        gain = np.where(theta_d < 1e-12, 1.0, np.sin(theta) / np.where(theta_d < 1e-12, 1.0, theta_d))
+        return np.concatenate([xy * gain[..., None], np.cos(theta)[..., None]], axis=-1)
+
+    def _unfolded(self, p_CF: Vectors) -> Mask:
+        theta = np.arctan2(np.linalg.norm(p_CF[..., :2], axis=-1), p_CF[..., 2])
+        return np.asarray(theta < self._max_theta)
+
+    @cached_property
+    def _max_theta(self) -> float:
+        """Angle at which theta_d stops growing; pi if it never does."""
+        k1, k2, k3, k4 = self.distortion
+        roots = np.roots([9.0 * k4, 7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
+        real = roots[np.isreal(roots)].real
+        positive = real[real > 0.0]
+        return min(np.pi, float(np.sqrt(positive.min()))) if positive.size else np.pi
+
+
+MODELS: dict[tuple[str, str], type[Camera]] = {
+    ("pinhole", "radial-tangential"): PinholeRadtan,
+    ("pinhole", "radtan"): PinholeRadtan,
+    ("pinhole", "equidistant"): PinholeEquidistant,
+}
+"""Camera classes by (camera_model, distortion_model), in EuRoC's and Kalibr's words."""

@@ -1,0 +1,93 @@
+"""What an estimator can be told about IMU biases, apart from vision: the device's own history, and what motion reveals.
+
+The two are kept apart. `device` is known before the rig moves and becomes the initial bias with its covariance.
+`poll` gives measurements `z = b + c + e`: `c` is what is wrong with the source on this run and never averages
+out, `e` is short-lived. Sources are entry points of the group `navcore.bias_priors`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from typing import Literal, Protocol
+
+import numpy as np
+
+from navcore.arrays import Floats, Vectors, frozen
+from navcore.errors import ConfigError, DataError
+from navcore.imu import ImuSamples
+from navcore.sequence import Sequence
+
+GROUP = "navcore.bias_priors"
+PriorMode = Literal["modelled", "plain"]
+
+
+@dataclass(frozen=True)
+class BiasPrior:
+    """One statement about the biases.
+
+    Attributes:
+        t_ns: the time it speaks of: the middle of its window.
+        b_g: (3,) rad/s in B.
+        b_a: (3,) m/s^2 in B.
+        covariance: (6, 6) of (b_g, b_a); for a measurement the short-lived part `e` only.
+    """
+
+    t_ns: int
+    b_g: Vectors
+    b_a: Vectors
+    covariance: Floats
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "b_g", frozen("b_g", self.b_g, np.float64, (3,)))
+        object.__setattr__(self, "b_a", frozen("b_a", self.b_a, np.float64, (3,)))
+        covariance = frozen("covariance", self.covariance, np.float64, (6, 6))
+        object.__setattr__(self, "covariance", covariance)
+        if not (np.isfinite(self.vector).all() and np.isfinite(covariance).all()):
+            raise DataError(f"bias prior at {self.t_ns} ns is not finite: {self.vector}")
+        if not np.allclose(covariance, covariance.T) or np.linalg.eigvalsh(covariance).min() <= 0.0:
+            raise DataError(f"covariance of the bias prior at {self.t_ns} ns is not positive definite")
+
+    @property
+    def vector(self) -> Floats:
+        """(6,) b_g, b_a."""
+        return np.concatenate([self.b_g, self.b_a])
+
+
+class BiasPriorSource(Protocol):
+    """Where priors come from. Causal: `poll` may use only the samples that were added."""
+
+    window_s: float
+    """Length of the IMU window behind one measurement [s]; measurements closer than this share noise."""
+
+    constant_covariance: Floats
+    """(6, 6) covariance of `c`, the error that is constant over a run; zero if the source has none."""
+
+    def device(self) -> BiasPrior | None:
+        """What is known of this device before it moves, or None."""
+        ...
+
+    def add_imu(self, samples: ImuSamples) -> None:
+        """Take new samples, in time order."""
+        ...
+
+    def poll(self, t_ns: int) -> list[BiasPrior]:
+        """The measurements that became available up to IMU time `t_ns` and were not given yet, in time order."""
+        ...
+
+
+PriorFactory = Callable[[str, Sequence | None], BiasPriorSource]
+"""Makes a source from the text behind the colon and the recording it is for (None in live use)."""
+
+
+def load_prior(spec: str, sequence: Sequence | None = None) -> BiasPriorSource:
+    """The source that `spec` names: `NAME` or `NAME:ARGUMENT`, as `none`, `constant:device.json`, `truth:2e-4,0.02`.
+
+    Raises:
+        ConfigError: the name is unknown; the message lists the known ones.
+    """
+    name, _, argument = spec.partition(":")
+    known = {entry.name: entry for entry in entry_points(group=GROUP)}
+    if name not in known:
+        raise ConfigError(f"bias prior {name!r} is unknown; known are {', '.join(sorted(known))}")
+    factory: PriorFactory = known[name].load()
+    return factory(argument, sequence)

@@ -1,0 +1,99 @@
+"""The rotation group SO(3): exponential, logarithm and Jacobians, batched over leading axes.
+
+Formulas: Solà, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics" (2018), appendix B.
+"""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from navcore.arrays import Floats, Quaternions, Rotations, Vectors
+
+_SMALL_ANGLE_SQUARED = 1e-6  # below it the Taylor series is exact to rounding
+
+
+def hat(v: Vectors) -> Floats:
+    """The skew-symmetric matrices of `v`: (..., 3) to (..., 3, 3), with `hat(v) @ u == cross(v, u)`."""
+    v = np.asarray(v, dtype=np.float64)
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    return out
+
+
+def vee(m: Floats) -> Vectors:
+    """The inverse of `hat`: (..., 3, 3) skew-symmetric to (..., 3)."""
+    return np.stack([m[..., 2, 1], m[..., 0, 2], m[..., 1, 0]], axis=-1)
+
+
+def _coefficients(theta_squared: Floats) -> tuple[Floats, Floats, Floats]:
+    """sin(t)/t, (1 - cos t)/t^2 and (t - sin t)/t^3, by series where t is small."""
+    small = theta_squared < _SMALL_ANGLE_SQUARED
+    t2 = np.where(small, 1.0, theta_squared)
+    t = np.sqrt(t2)
+    s = theta_squared
+    sinc = np.where(small, 1.0 - s / 6.0 + s * s / 120.0, np.sin(t) / t)
+    half = np.sin(0.5 * t)
+    cosc = np.where(small, 0.5 - s / 24.0 + s * s / 720.0, 2.0 * half * half / t2)
+    cubic = np.where(small, 1.0 / 6.0 - s / 120.0 + s * s / 5040.0, (t - np.sin(t)) / (t2 * t))
+    return sinc, cosc, cubic
+
+
+def exp(phi: Vectors) -> Rotations:
+    """Rotation matrices of rotation vectors [rad]: (..., 3) to (..., 3, 3). Solà et al. eq. (132)."""
+    phi = np.asarray(phi, dtype=np.float64)
+    sinc, cosc, _ = _coefficients(np.sum(phi * phi, axis=-1))
+    K = hat(phi)
+    return np.eye(3) + sinc[..., None, None] * K + cosc[..., None, None] * (K @ K)
+
+
+def log(R: Rotations) -> Vectors:
+    """Rotation vectors [rad] of rotation matrices, angle in [0, pi]: (..., 3, 3) to (..., 3)."""
+    R = np.asarray(R, dtype=np.float64)
+    return Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(R.shape[:-1])
+
+
+def right_jacobian(phi: Vectors) -> Floats:
+    """J_r with Exp(phi + d) = Exp(phi) Exp(J_r d): (..., 3) to (..., 3, 3). Solà et al. eq. (143)."""
+    phi = np.asarray(phi, dtype=np.float64)
+    _, cosc, cubic = _coefficients(np.sum(phi * phi, axis=-1))
+    K = hat(phi)
+    return np.eye(3) - cosc[..., None, None] * K + cubic[..., None, None] * (K @ K)
+
+
+def left_jacobian(phi: Vectors) -> Floats:
+    """J_l with Exp(phi + d) = Exp(J_l d) Exp(phi): (..., 3) to (..., 3, 3). Solà et al. eq. (145)."""
+    return right_jacobian(-np.asarray(phi, dtype=np.float64))
+
+
+def right_jacobian_inverse(phi: Vectors) -> Floats:
+    """The inverse of `right_jacobian`, for angles below 2 pi. Solà et al. eq. (144)."""
+    phi = np.asarray(phi, dtype=np.float64)
+    s = np.sum(phi * phi, axis=-1)
+    small = s < _SMALL_ANGLE_SQUARED
+    t2 = np.where(small, 1.0, s)
+    half = 0.5 * np.sqrt(t2)
+    quadratic = np.where(small, 1.0 / 12.0 + s / 720.0, (1.0 - half / np.tan(half)) / t2)
+    K = hat(phi)
+    return np.eye(3) + 0.5 * K + quadratic[..., None, None] * (K @ K)
+
+
+def left_jacobian_inverse(phi: Vectors) -> Floats:
+    """The inverse of `left_jacobian`, for angles below 2 pi. Solà et al. eq. (146)."""
+    return right_jacobian_inverse(-np.asarray(phi, dtype=np.float64))
+
+
+def from_quaternion(q: Quaternions) -> Rotations:
+    """Rotation matrices of xyzw quaternions, which need not be normalised: (..., 4) to (..., 3, 3)."""
+    q = np.asarray(q, dtype=np.float64)
+    return Rotation.from_quat(q.reshape(-1, 4)).as_matrix().reshape(*q.shape[:-1], 3, 3)
+
+
+def to_quaternion(R: Rotations) -> Quaternions:
+    """Unit xyzw quaternions, w >= 0, of rotation matrices: (..., 3, 3) to (..., 4)."""
+    R = np.asarray(R, dtype=np.float64)
+    return Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat(canonical=True).reshape(*R.shape[:-2], 4)
+
+
+def normalise(R: Rotations) -> Rotations:
+    """The rotation nearest to a matrix that rounding has moved off the group, to second order."""
+    return 1.5 * R - 0.5 * R @ np.swapaxes(R, -1, -2) @ R
