@@ -1,0 +1,115 @@
+"""The filter's settings; units stand in the comments."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from typing import Any, Literal
+
+from navcore.errors import ConfigError
+from navcore.prior import PriorMode
+from navcore.tracker import TrackerConfig
+
+StartMode = Literal["auto", "static", "moving", "truth"]
+
+
+@dataclass(frozen=True)
+class VisionConfig:
+    """Measurements of features over the window of clones."""
+
+    pixel_noise: float = 1.0  # px, standard deviation of a feature's position in one image
+    clones: int = 11  # poses in the window
+    min_views: int = 4  # views that a feature needs to be used
+    max_features: int = 40  # used at one frame
+    max_depth: float = 100.0  # m
+    min_depth: float = 0.1  # m
+    gate_probability: float = 0.99  # of the chi-square test, feature by feature
+    fej: bool = True  # linearise at first estimates
+
+
+@dataclass(frozen=True)
+class StartConfig:
+    """How the filter begins, and what it knows of the biases then."""
+
+    mode: StartMode = "auto"
+    static_s: float = 0.8  # s, quiet stretch that a static start needs
+    moving_s: float = 1.5  # s, window of a moving start
+    keyframe_s: float = 0.1  # s, spacing of its poses
+    gyro_bias_sigma: float = 0.1  # rad/s, without a device prior
+    accel_bias_sigma: float = 0.2  # m/s^2, without a device prior
+    max_velocity_sigma: float = 0.15  # m/s, a moving start is accepted below it
+    max_tilt_sigma: float = 0.03  # rad, likewise
+
+
+@dataclass(frozen=True)
+class StandstillConfig:
+    """Detection of standing still, by IMU and images together."""
+
+    enabled: bool = True
+    window_s: float = 0.4  # s of IMU that have to be quiet
+    gyro_std: float = 0.02  # rad/s, standard deviation below which the rate is steady
+    accel_std: float = 0.15  # m/s^2, likewise
+    max_disparity: float = 0.4  # px, median motion of features since standstill began
+    position_sigma: float = 5e-4  # m, how well the pose is known to be the same
+    rotation_sigma: float = 2e-4  # rad
+    velocity_sigma: float = 5e-3  # m/s
+
+
+@dataclass(frozen=True)
+class PriorConfig:
+    """How a bias prior enters."""
+
+    mode: PriorMode = "modelled"  # `plain` is the paper's: fixed weight, no model of the prior's own error
+    weight: float = 100.0  # W of the plain mode, in 1/(rad/s) and 1/(m/s^2)
+    student_dof: float = 5.0  # degrees of freedom of the robust weight; large is Gaussian
+    surprise_probability: float = 0.999  # an innovation beyond this quantile is a surprise
+    surprises: int = 5  # in a row, after which the biases are doubted
+
+
+@dataclass(frozen=True)
+class HealthConfig:
+    """Limits behind `Health`."""
+
+    min_tracked: int = 8  # features, fewer are no vision
+    blind_s: float = 0.6  # s without a visual correction, then INERTIAL_ONLY
+    max_speed: float = 30.0  # m/s
+    max_position_sigma: float = 50.0  # m, of what was added since vision last corrected
+    max_velocity_sigma: float = 10.0  # m/s
+    max_imu_gap_s: float = 0.02  # s, a longer one is reported
+    lost_imu_gap_s: float = 1.0  # s, a longer one cannot be bridged
+
+
+@dataclass(frozen=True)
+class FilterConfig:
+    """All settings of the filter."""
+
+    vision: VisionConfig = field(default_factory=VisionConfig)
+    tracker: TrackerConfig = field(default_factory=TrackerConfig)
+    start: StartConfig = field(default_factory=StartConfig)
+    standstill: StandstillConfig = field(default_factory=StandstillConfig)
+    prior: PriorConfig = field(default_factory=PriorConfig)
+    health: HealthConfig = field(default_factory=HealthConfig)
+    cameras: int = 1  # how many of the rig's cameras are used
+
+    def with_overrides(self, overrides: Mapping[str, Any]) -> "FilterConfig":
+        """A copy with settings replaced by dotted name, as `{"vision.fej": False}`.
+
+        Raises:
+            ConfigError: a name is unknown; the message lists the known ones.
+        """
+        config: FilterConfig = self
+        for name, value in overrides.items():
+            config = _replaced(config, name, name.split("."), value)
+        return config
+
+
+def _replaced(config: Any, whole: str, path: list[str], value: Any) -> Any:
+    known = [f.name for f in fields(config)]
+    if path[0] not in known:
+        raise ConfigError(f"config key {whole!r} is unknown: {path[0]!r} is none of {', '.join(known)}")
+    old = getattr(config, path[0])
+    if len(path) > 1:
+        if not is_dataclass(old):
+            raise ConfigError(f"config key {whole!r} is unknown: {path[0]!r} has no parts")
+        return replace(config, **{path[0]: _replaced(old, whole, path[1:], value)})
+    if is_dataclass(old) or (type(value) is not type(old) and not (isinstance(old, float) and isinstance(value, int))):
+        raise ConfigError(f"config key {whole!r} takes {type(old).__name__}, got {value!r}")
+    return replace(config, **{path[0]: value})

@@ -1,0 +1,207 @@
+"""The filter's state: nominal values, first estimates and covariance under one owner (docs/filter.md, section 1)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msckf.propagation import Increment, noise_in_world, predict, transition
+from navcore import so3
+from navcore.arrays import Floats, Rotations, Stamps, Vectors
+from navcore.odometry import State
+
+THETA, POSITION, VELOCITY = slice(0, 3), slice(3, 6), slice(6, 9)
+GYRO_BIAS, ACCEL_BIAS = slice(9, 12), slice(12, 15)
+BIASES = slice(9, 15)
+IMU_SIZE = 15
+CLONE_SIZE = 6
+
+
+@dataclass
+class Clones:
+    """Poses of the body at past frames, oldest first, and where each was first estimated.
+
+    Attributes:
+        t_ns: (K,) camera time.
+        R_WB, p_WB: (K, 3, 3), (K, 3) current estimates.
+        R_first, p_first: the same when the clone was made; linearisation points under FEJ.
+    """
+
+    t_ns: Stamps
+    R_WB: Rotations
+    p_WB: Vectors
+    R_first: Rotations
+    p_first: Vectors
+
+    @staticmethod
+    def none() -> "Clones":
+        """No clones."""
+        return Clones(
+            np.zeros(0, dtype=np.int64),
+            np.zeros((0, 3, 3)),
+            np.zeros((0, 3)),
+            np.zeros((0, 3, 3)),
+            np.zeros((0, 3)),
+        )
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+
+class FilterState:
+    """Nominal state and covariance, changed only together.
+
+    Error order: `dtheta, dp, dv, db_g, db_a`, then the prior's error `c` (6, if it is estimated), then clones
+    (`dtheta, dp` each). With `fej` off, linearisation points follow the current estimates.
+    """
+
+    def __init__(self, start: State, *, fej: bool = True) -> None:
+        self.R_WB, self.p_WB, self.v_WB = start.R_WB.copy(), start.p_WB.copy(), start.v_WB.copy()
+        self.b_g, self.b_a = start.b_g.copy(), start.b_a.copy()
+        self.c: Floats | None = None
+        self.clones = Clones.none()
+        self._fej = fej
+        self._P = start.covariance.copy()
+        self._keep_first_estimates()
+
+    # -- reading ----------------------------------------------------------------------------------------------
+
+    @property
+    def covariance(self) -> Floats:
+        """The whole covariance, read-only."""
+        view = self._P.view()
+        view.setflags(write=False)
+        return view
+
+    @property
+    def size(self) -> int:
+        """Number of error states."""
+        return self._P.shape[0]
+
+    @property
+    def prior_error(self) -> slice:
+        """Where `c` is; empty when it is not estimated."""
+        return slice(IMU_SIZE, IMU_SIZE + (0 if self.c is None else 6))
+
+    @property
+    def clone_start(self) -> int:
+        """Index of the first clone's first error state."""
+        return self.prior_error.stop
+
+    def clone(self, k: int) -> slice:
+        """Where clone `k` is."""
+        first = self.clone_start + CLONE_SIZE * k
+        return slice(first, first + CLONE_SIZE)
+
+    @property
+    def linearisation_clones(self) -> tuple[Rotations, Vectors]:
+        """Poses (K, 3, 3), (K, 3) at which measurements of clones are linearised."""
+        if self._fej:
+            return self.clones.R_first, self.clones.p_first
+        return self.clones.R_WB, self.clones.p_WB
+
+    @property
+    def biases(self) -> Floats:
+        """(6,) b_g, b_a."""
+        return np.concatenate([self.b_g, self.b_a])
+
+    def snapshot(self) -> State:
+        """A copy of the navigation state with its covariance."""
+        P = self._P[:IMU_SIZE, :IMU_SIZE].copy()
+        return State(self.R_WB.copy(), self.p_WB.copy(), self.v_WB.copy(), self.b_g.copy(), self.b_a.copy(), P)
+
+    # -- time -------------------------------------------------------------------------------------------------
+
+    def propagate(self, increment: Increment) -> None:
+        """Move to the end of an increment that was integrated at the current biases."""
+        start = self._first if self._fej else (self.R_WB, self.p_WB, self.v_WB)
+        self.R_WB, self.p_WB, self.v_WB = predict(self.R_WB, self.p_WB, self.v_WB, increment)
+        Phi = transition(increment, start, (self.R_WB, self.p_WB, self.v_WB))
+        Q = noise_in_world(increment, start[0])
+        i = slice(0, IMU_SIZE)
+        self._P[i, i] = Phi @ self._P[i, i] @ Phi.T + Q
+        self._P[i, IMU_SIZE:] = Phi @ self._P[i, IMU_SIZE:]
+        self._P[IMU_SIZE:, i] = self._P[i, IMU_SIZE:].T
+        self._keep_first_estimates()
+
+    def _keep_first_estimates(self) -> None:
+        self._first = (self.R_WB, self.p_WB, self.v_WB)
+
+    # -- clones and prior error -------------------------------------------------------------------------------
+
+    def add_clone(self, t_ns: int) -> None:
+        """Append the current pose as a clone."""
+        pose = np.r_[THETA, POSITION]
+        P_row = self._P[pose]
+        corner = P_row[:, pose]
+        self._P = np.block([[self._P, P_row.T], [P_row, corner]])
+        c = self.clones
+        R_first, p_first, _ = self._first
+        self.clones = Clones(
+            np.append(c.t_ns, np.int64(t_ns)),
+            np.concatenate([c.R_WB, self.R_WB[None]]),
+            np.concatenate([c.p_WB, self.p_WB[None]]),
+            np.concatenate([c.R_first, R_first[None]]),
+            np.concatenate([c.p_first, p_first[None]]),
+        )
+
+    def drop_clone(self, k: int) -> None:
+        """Marginalise clone `k`."""
+        where = self.clone(k)
+        keep = np.r_[0 : where.start, where.stop : self.size]
+        self._P = self._P[np.ix_(keep, keep)]
+        c = self.clones
+        self.clones = Clones(*(np.delete(x, k, axis=0) for x in (c.t_ns, c.R_WB, c.p_WB, c.R_first, c.p_first)))
+
+    def drop_clones(self) -> None:
+        """Marginalise all clones."""
+        self._P = self._P[: self.clone_start, : self.clone_start].copy()
+        self.clones = Clones.none()
+
+    def add_prior_error(self, covariance: Floats, cross: Floats | None = None) -> None:
+        """Begin to estimate `c` (zero mean) with its covariance (6, 6); `cross` is Cov(b, c) (6, 6), if any."""
+        if self.c is not None:
+            return
+        n = self.size
+        P = np.zeros((n + 6, n + 6))
+        old = np.r_[0:IMU_SIZE, IMU_SIZE + 6 : n + 6]
+        P[np.ix_(old, old)] = self._P
+        new = slice(IMU_SIZE, IMU_SIZE + 6)
+        P[new, new] = covariance
+        if cross is not None:
+            P[BIASES, new] = cross
+            P[new, BIASES] = cross.T
+        self._P = P
+        self.c = np.zeros(6)
+
+    def widen_biases(self, covariance: Floats) -> None:
+        """Add (6, 6) to the covariance of the biases: what was known of them is doubted."""
+        self._P[BIASES, BIASES] += covariance
+
+    # -- measurement ------------------------------------------------------------------------------------------
+
+    def update(self, H: Floats, columns: Stamps, r: Floats, R: Floats) -> None:
+        """Kalman update with `r = z - z_hat`, `H` (m, len(columns)) by the error states `columns`, noise `R` (m, m).
+
+        Joseph's form for the blocks that are touched would cost as much as all the rest; the symmetric form
+        P - K S K^T with S's Cholesky factor stays positive as long as S is.
+        """
+        PHt = self._P[:, columns] @ H.T
+        S = H @ PHt[columns] + R
+        L = np.linalg.cholesky(0.5 * (S + S.T))
+        V = np.linalg.solve(L, PHt.T)  # (m, n): L^-1 H P
+        self._P = self._P - V.T @ V
+        self._P = 0.5 * (self._P + self._P.T)
+        self._apply(V.T @ np.linalg.solve(L, r))
+
+    def _apply(self, dx: Floats) -> None:
+        self.R_WB = so3.normalise(self.R_WB @ so3.exp(dx[THETA]))
+        self.p_WB = self.p_WB + dx[POSITION]
+        self.v_WB = self.v_WB + dx[VELOCITY]
+        self.b_g = self.b_g + dx[GYRO_BIAS]
+        self.b_a = self.b_a + dx[ACCEL_BIAS]
+        if self.c is not None:
+            self.c = self.c + dx[self.prior_error]
+        if len(self.clones):
+            d = dx[self.clone_start :].reshape(-1, CLONE_SIZE)
+            self.clones.R_WB = so3.normalise(self.clones.R_WB @ so3.exp(d[:, :3]))
+            self.clones.p_WB = self.clones.p_WB + d[:, 3:]
