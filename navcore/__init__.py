@@ -1,1 +1,1 @@
-"""The shared language of the project: rotations, cameras, calibration, recordings, tracks, priors, estimates."""
+"""The shared language of the project: rotations, cameras, calibration, recordings, priors, estimates."""

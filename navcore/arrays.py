@@ -32,7 +32,8 @@ def frozen(name: str, value: ArrayLike, dtype: Any, shape: tuple[int | None, ...
         DataError: the shape differs; the message gives both.
     """
     array = np.array(value, dtype=dtype)
-    if array.ndim != len(shape) or any(want not in (None, got) for want, got in zip(shape, array.shape, strict=True)):
+    fits = array.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, array.shape, strict=True))
+    if not fits:
         wanted = "(" + ", ".join("N" if n is None else str(n) for n in shape) + ")"
         raise DataError(f"{name} has shape {array.shape}, expected {wanted}")
     array.setflags(write=False)

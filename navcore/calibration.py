@@ -106,21 +106,26 @@ def imu_from_yaml(path: Path) -> ImuNoise:
     content = load_yaml(path)
     content = content.get("imu0", content)
     names = ("noise_density", "random_walk")
-    values = {f"{s}_{n}": float(_get(content, f"{s}_{n}", path)) for s in ("gyroscope", "accelerometer") for n in names}
+    sensors = ("gyroscope", "accelerometer")
+    values = {f"{s}_{n}": float(_get(content, f"{s}_{n}", path)) for s in sensors for n in names}
     rate = content.get("rate_hz", content.get("update_rate", 200.0))
     return ImuNoise(**values, rate_hz=float(rate))
 
 
 def cameras_from_kalibr(path: Path, rate_hz: float = 20.0) -> tuple[CameraMount, ...]:
-    """Cameras from Kalibr's `camchain-imucam.yaml`; its `T_cam_imu` is B to C, its time shift t_imu = t_cam + shift."""
+    """Cameras from Kalibr's `camchain-imucam.yaml`.
+
+    Its `T_cam_imu` is B to C, its time shift is ours: t_imu = t_cam + shift.
+    """
     content = load_yaml(path)
     mounts = []
     for name in sorted(k for k in content if str(k).startswith("cam")):
         entry = content[name]
-        T_CB = np.array(_get(entry, "T_cam_imu", path), dtype=np.float64).reshape(4, 4)
+        T_CB: Floats = np.array(_get(entry, "T_cam_imu", path), dtype=np.float64).reshape(4, 4)
         offset = float(entry.get("timeshift_cam_imu", 0.0))
         camera = _camera(entry, "distortion_coeffs", path)
-        mounts.append(CameraMount(camera, np.linalg.inv(T_CB), offset, rate_hz))
+        T_BC = np.linalg.inv(T_CB).astype(np.float64)
+        mounts.append(CameraMount(camera, T_BC, offset, rate_hz))
     if not mounts:
         raise DataError(f"{path}: no camera (cam0, cam1, ...) in it")
     return tuple(mounts)

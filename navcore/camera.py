@@ -1,6 +1,6 @@
 """Camera models: pinhole with radial-tangential or equidistant distortion.
 
-Points are in the camera frame C (z forward), pixels follow OpenCV: the centre of the top-left pixel is (0, 0).
+Points are in the camera frame C (z forward), pixels are OpenCV's: the centre of the top-left one is (0, 0).
 """
 
 from abc import ABC, abstractmethod
@@ -164,7 +164,7 @@ class PinholeRadtan(Camera):
 
 @dataclass(frozen=True)
 class PinholeEquidistant(Camera):
-    """Fisheye with Kannala-Brandt's odd polynomial (k1..k4), as OpenCV's `fisheye` and Kalibr's `equidistant`."""
+    """Fisheye with Kannala-Brandt's polynomial (k1..k4), as OpenCV's `fisheye`, Kalibr's `equidistant`."""
 
     model: ClassVar[str] = "pinhole-equidistant"
 

@@ -6,7 +6,7 @@ class NavcoreError(Exception):
 
 
 class DataError(NavcoreError, ValueError):
-    """A file, a sample or a frame is not what it should be; the message names it and says what was expected."""
+    """A file, sample or frame is not what it should be; the message names it and says what was expected."""
 
 
 class ConfigError(NavcoreError, ValueError):

@@ -1,4 +1,4 @@
-"""What every estimator offers and says: the `Odometry` protocol, `Estimate`, `Health`, and the `Run` they add up to."""
+"""What every estimator offers and says: `Odometry`, `Estimate`, `Health`, and the `Run` they add up to."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -1,8 +1,9 @@
-"""What an estimator can be told about IMU biases, apart from vision: the device's own history, and what motion reveals.
+"""What an estimator can be told about IMU biases, apart from vision.
 
-The two are kept apart. `device` is known before the rig moves and becomes the initial bias with its covariance.
-`poll` gives measurements `z = b + c + e`: `c` is what is wrong with the source on this run and never averages
-out, `e` is short-lived. Sources are entry points of the group `navcore.bias_priors`.
+Two things are kept apart: the device's own history, and what motion reveals. `device` is known before the rig
+moves and becomes the initial bias with its covariance. `poll` gives measurements `z = b + c + e`: `c` is what
+is wrong with the source on this run and never averages out, `e` is short-lived. Sources are entry points of
+the group `navcore.bias_priors`.
 """
 
 from collections.abc import Callable
@@ -71,7 +72,7 @@ class BiasPriorSource(Protocol):
         ...
 
     def poll(self, t_ns: int) -> list[BiasPrior]:
-        """The measurements that became available up to IMU time `t_ns` and were not given yet, in time order."""
+        """The measurements that became available up to IMU time `t_ns`, each given once, in time order."""
         ...
 
 
@@ -80,7 +81,7 @@ PriorFactory = Callable[[str, Sequence | None], BiasPriorSource]
 
 
 def load_prior(spec: str, sequence: Sequence | None = None) -> BiasPriorSource:
-    """The source that `spec` names: `NAME` or `NAME:ARGUMENT`, as `none`, `constant:device.json`, `truth:2e-4,0.02`.
+    """The source that `spec` names: `NAME` or `NAME:ARGUMENT`, as `none` or `constant:device.json`.
 
     Raises:
         ConfigError: the name is unknown; the message lists the known ones.

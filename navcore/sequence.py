@@ -1,6 +1,7 @@
 """A recording as an estimator sees it: IMU, frames with images or tracks, and truth if there is any."""
 
-from collections.abc import Iterator, Mapping, Sequence as ListLike
+from collections.abc import Iterator, Mapping
+from collections.abc import Sequence as ListLike
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
@@ -126,7 +127,8 @@ class Sequence:
         frames = [f for f in self.frames if low <= f.t_ns <= high]
         if not frames:
             last = (self.frames[-1].t_ns - zero) * 1e-9
-            raise DataError(f"{self.name}: no frame between {start_s} s and {end_s} s; frames end at {last:.2f} s")
+            wanted = f"no frame between {start_s} s and {end_s} s"
+            raise DataError(f"{self.name}: {wanted}; frames end at {last:.2f} s")
         imu = self.imu if start_s is None else self.imu.between(low - 100_000_000, int(self.imu.t_ns[-1]) + 1)
         return replace(self, frames=frames, imu=imu)
 

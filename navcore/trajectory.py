@@ -1,6 +1,6 @@
 """A path of the body through the world, with velocity and biases where they are known."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -57,8 +57,8 @@ class Trajectory:
         return len(self.t_ns)
 
     def __getitem__(self, key: slice | Mask | Stamps) -> "Trajectory":
-        rest = {name: None if value is None else value[key] for name, value in vars(self).items()}
-        return replace(self, **rest)
+        optional = [None if x is None else x[key] for x in (self.v_WB, self.b_g, self.b_a)]
+        return Trajectory(self.t_ns[key], self.q_WB[key], self.p_WB[key], *optional)
 
     @property
     def R_WB(self) -> Rotations:
@@ -81,7 +81,7 @@ class Trajectory:
         return self[first:last]
 
     def covers(self, t_ns: Stamps, max_gap_ns: int = 100_000_000) -> Mask:
-        """Whether each stamp (M,) lies between two poses at most `max_gap_ns` apart, or within 1 us of one."""
+        """Whether each stamp (M,) is between two poses at most `max_gap_ns` apart, or within 1 us of one."""
         t_ns = np.asarray(t_ns, dtype=np.int64)
         if len(self) == 0:
             return np.zeros(t_ns.shape, dtype=bool)
@@ -92,7 +92,7 @@ class Trajectory:
         return np.asarray(on_pose | (inside & (self.t_ns[after] - self.t_ns[before] <= max_gap_ns)))
 
     def at(self, t_ns: Stamps) -> "Trajectory":
-        """The states at stamps (M,): rotation by slerp, the rest linearly; stamps outside the span take its ends.
+        """The states at stamps (M,): rotation by slerp, the rest linearly; outside the span its ends.
 
         Use `covers` to know which stamps are inside.
         """
@@ -115,7 +115,7 @@ class Trajectory:
         return Trajectory(t_ns, q, p, linear(self.v_WB), linear(self.b_g), linear(self.b_a))
 
     def to_tum(self, path: Path) -> None:
-        """Write `t x y z qx qy qz qw` lines, t in seconds with nine digits; the file appears whole or not at all."""
+        """Write `t x y z qx qy qz qw`, t in seconds with nine digits; the file appears whole or not."""
         lines = []
         for t, p, q in zip(self.t_ns.tolist(), self.p_WB.tolist(), self.q_WB.tolist(), strict=True):
             numbers = " ".join(f"{x:.9f}" for x in (*p, *q))
