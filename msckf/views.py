@@ -1,0 +1,70 @@
+"""Features seen from poses: the arrays that triangulation and the visual update share."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from navcore.arrays import Floats, Mask, Pixels, Rotations, Stamps, Vectors
+from navcore.calibration import CameraMount
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The cameras in use, as arrays by camera index."""
+
+    mounts: tuple[CameraMount, ...]
+
+    @property
+    def R_BC(self) -> Rotations:
+        """(C, 3, 3)."""
+        return np.stack([m.R_BC for m in self.mounts])
+
+    @property
+    def p_BC(self) -> Vectors:
+        """(C, 3)."""
+        return np.stack([m.p_BC for m in self.mounts])
+
+    def project_jacobian(self, cameras: Stamps, p_CF: Vectors) -> tuple[Pixels, Floats]:
+        """Pixels (F, K, 2) and derivatives (F, K, 2, 3) of points (F, K, 3), row f through camera `cameras[f]`."""
+        if len(self.mounts) == 1:
+            return self.mounts[0].camera.project_jacobian(p_CF)
+        uv, J = np.empty((*p_CF.shape[:-1], 2)), np.empty((*p_CF.shape[:-1], 2, 3))
+        for c, mount in enumerate(self.mounts):
+            rows = cameras == c
+            uv[rows], J[rows] = mount.camera.project_jacobian(p_CF[rows])
+        return uv, J
+
+    def unproject(self, cameras: Stamps, uv: Pixels) -> Vectors:
+        """Unit bearings (F, K, 3) of pixels (F, K, 2), row f through camera `cameras[f]`."""
+        bearings = np.empty((*uv.shape[:-1], 3))
+        for c, mount in enumerate(self.mounts):
+            rows = cameras == c
+            bearings[rows] = mount.camera.unproject(uv[rows])
+        return bearings
+
+
+@dataclass(frozen=True)
+class Views:
+    """Observations of F features from K body poses.
+
+    Attributes:
+        rig: the cameras.
+        cameras: (F,) which camera saw each feature.
+        uv: (F, K, 2) px; anything where not seen.
+        seen: (F, K).
+    """
+
+    rig: Rig
+    cameras: Stamps
+    uv: Pixels
+    seen: Mask
+
+    def camera_poses(self, R_WB: Rotations, p_WB: Vectors) -> tuple[Rotations, Vectors]:
+        """R_WC (F, K, 3, 3) and p_WC (F, K, 3) of every view, for body poses (K, 3, 3), (K, 3)."""
+        R_WC = R_WB[None] @ self.rig.R_BC[:, None]  # (C, K, 3, 3)
+        p_WC = p_WB[None] + (R_WB[None] @ self.rig.p_BC[:, None, :, None])[..., 0]
+        return R_WC[self.cameras], p_WC[self.cameras]
+
+    def rows(self, mask: Mask) -> "Views":
+        """Only some of the features."""
+        return Views(self.rig, self.cameras[mask], self.uv[mask], self.seen[mask])
