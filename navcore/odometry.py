@@ -16,6 +16,9 @@ from navcore.trajectory import Trajectory
 BLOCKS = ("dtheta", "dp", "dv", "db_g", "db_a")
 """Order of the 15 error states in `Estimate.covariance`."""
 
+SKIPPED = "skipped"
+"""First word of the reason for an image that was left out, as in `skipped: data/1.png: corrupt image`."""
+
 
 class Health(Enum):
     """What an estimate is worth."""
@@ -52,7 +55,7 @@ class Estimate:
 
     Attributes:
         t_ns: IMU time.
-        health, reasons: how good it is, and why it is not better.
+        health, reasons: how good it is, and why it is not better: a few words, or words, a colon and details.
         state: None before the start and while lost.
         tracked: features followed into this frame.
         used: features that corrected the state at this frame.
