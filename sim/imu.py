@@ -1,0 +1,94 @@
+"""What an IMU says of a motion: centred interval means, white noise, and biases that walk."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from navcore.arrays import Stamps, Vectors
+from navcore.imu import ImuNoise, ImuSamples
+from navcore.trajectory import Trajectory
+from sim.errors import ConfigError
+from sim.motion import EPOCH_NS, Motion
+
+
+@dataclass(frozen=True)
+class ImuGrade:
+    """A kind of IMU: its noise, and how far its biases are off when it is switched on."""
+
+    noise: ImuNoise
+    gyroscope_turn_on: float  # rad/s, sd per axis
+    accelerometer_turn_on: float  # m/s^2, sd per axis
+
+
+GRADES: dict[str, ImuGrade] = {
+    # Noise: EuRoC's imu0/sensor.yaml. Spread: the size of the biases in EuRoC's truth.
+    "adis16448": ImuGrade(ImuNoise(1.6968e-4, 1.9393e-5, 2.0e-3, 3.0e-3, 200.0), 0.03, 0.1),
+}
+"""IMU grades by name."""
+
+
+def grade(name: str) -> ImuGrade:
+    """The grade of that name.
+
+    Raises:
+        ConfigError: there is none; the message lists the names.
+    """
+    if name not in GRADES:
+        raise ConfigError(f"IMU grade {name!r} is unknown; known are {sorted(GRADES)}")
+    return GRADES[name]
+
+
+def stamps(motion: Motion, rate_hz: float) -> Stamps:
+    """(N,) ns: the centres of all whole sampling intervals of a motion."""
+    n = int(motion.duration_s * rate_hz + 1e-6)
+    centres: Stamps = EPOCH_NS + np.rint((np.arange(n) + 0.5) * 1e9 / rate_hz).astype(np.int64)
+    return centres
+
+
+def ideal_samples(motion: Motion, rate_hz: float) -> ImuSamples:
+    """Samples without any error: each holds over [t - dt/2, t + dt/2], and the intervals join without gaps.
+
+    A sample is the constant rate and specific force that take the true attitude and velocity from one end of
+    its interval to the other: the mean over the interval with its coning and sculling compensated, as good
+    IMUs do. So piecewise-constant integration over the intervals gives the true attitude and velocity at
+    every edge exactly, and position to micrometres a minute. Plain means of the rate would miss 3e-6 rad a
+    minute of flight by coning, which gravity turns into centimetres.
+    """
+    dt_s = 1.0 / rate_hz
+    t_ns = stamps(motion, rate_hz)
+    half_ns = round(0.5e9 * dt_s)
+    cells = motion.resampled(np.append(t_ns - half_ns, t_ns[-1] + half_ns), dt_s)
+    return ImuSamples(t_ns, cells.omega_B, cells.specific_force_B)
+
+
+def exact_imu(motion: Motion, rate_hz: float) -> tuple[ImuSamples, Trajectory]:
+    """Samples without any error, and the truth at their stamps with biases of zero."""
+    samples = ideal_samples(motion, rate_hz)
+    zero = np.zeros((len(samples), 3))
+    return samples, replace(motion.at(samples.t_ns), b_g=zero, b_a=zero)
+
+
+def simulate_imu(motion: Motion, imu: ImuGrade, rng: np.random.Generator) -> tuple[ImuSamples, Trajectory]:
+    """Noisy samples, and the truth at their stamps with the biases that are in them.
+
+    White noise of density s has sd s sqrt(rate) in a mean over one interval. Biases start at the turn-on
+    spread and take steps of random_walk sqrt(dt) (Kalibr's noise model).
+    """
+    noise = imu.noise
+    clean = ideal_samples(motion, noise.rate_hz)
+    size = (len(clean), 3)
+    b_g = _bias(imu.gyroscope_turn_on, noise.gyroscope_random_walk, noise.rate_hz, size, rng)
+    b_a = _bias(imu.accelerometer_turn_on, noise.accelerometer_random_walk, noise.rate_hz, size, rng)
+    white = np.sqrt(noise.rate_hz)
+    gyro = clean.gyro + b_g + noise.gyroscope_noise_density * white * rng.standard_normal(size)
+    accel = clean.accel + b_a + noise.accelerometer_noise_density * white * rng.standard_normal(size)
+    return ImuSamples(clean.t_ns, gyro, accel), replace(motion.at(clean.t_ns), b_g=b_g, b_a=b_a)
+
+
+def _bias(
+    turn_on: float, walk: float, rate_hz: float, size: tuple[int, int], rng: np.random.Generator
+) -> Vectors:
+    steps = walk / np.sqrt(rate_hz) * rng.standard_normal(size)
+    steps[0] = turn_on * rng.standard_normal(size[1])
+    bias: Vectors = np.cumsum(steps, axis=0)
+    return bias
