@@ -1,0 +1,26 @@
+"""What all tests share: one BLAS thread, repeatable properties, and the recordings, if there are any."""
+
+import os
+
+for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # read when NumPy and SciPy are imported
+    os.environ.setdefault(name, "1")
+os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is imported
+
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=50, database=None)
+settings.load_profile("repeatable")
+
+
+@pytest.fixture(scope="session")
+def vio_data() -> Path:
+    """The folder of real recordings that the environment variable VIO_DATA names."""
+    named = os.environ.get("VIO_DATA")
+    if not named:
+        pytest.skip("needs real recordings: VIO_DATA is not set")
+    if not Path(named).is_dir():
+        pytest.skip(f"needs real recordings: VIO_DATA={named} is no folder")
+    return Path(named)
