@@ -80,8 +80,8 @@ def random_path(
         [[0.0, 0.0], np.cumsum(rng.normal(0.0, yaw_rate, len(t) - 2) * np.diff(t)[1:])]
     )
     rest = ([(1, np.zeros(3)), (2, np.zeros(3))], [(1, np.zeros(3)), (2, np.zeros(3))])
-    position = make_interp_spline(t, p, k=5, bc_type=rest)  # type: ignore[arg-type]  # stubs know scalars
-    only return Path(_kept_inside(position, low, high), make_interp_spline(t, yaws, k=3), start_s)
+    position = make_interp_spline(t, p, k=5, bc_type=rest)  # type: ignore[arg-type]
+    return Path(_kept_inside(position, low, high), make_interp_spline(t, yaws, k=3), start_s)
 
 
 def _kept_inside(path: BSpline, low: Vectors, high: Vectors) -> BSpline:
