@@ -31,6 +31,7 @@ class StartConfig:
 
     mode: StartMode = "auto"
     static_s: float = 0.8  # s, quiet stretch that a static start needs
+    static_disparity: float = 2.0  # px, median motion of features over that stretch
     moving_s: float = 1.5  # s, window of a moving start
     keyframe_s: float = 0.1  # s, spacing of its poses
     gyro_bias_sigma: float = 0.1  # rad/s, without a device prior

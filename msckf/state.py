@@ -157,21 +157,26 @@ class FilterState:
         self._P = self._P[: self.clone_start, : self.clone_start].copy()
         self.clones = Clones.none()
 
-    def add_prior_error(self, covariance: Floats, cross: Floats | None = None) -> None:
-        """Begin to estimate `c` (zero mean) with its covariance (6, 6); `cross` is Cov(b, c) (6, 6), if any."""
-        if self.c is not None:
-            return
-        n = self.size
+    def add_prior_error(self, mean: Floats, gain: Floats, conditional: Floats) -> None:
+        """Begin to estimate the prior's error `c`, given how it hangs together with the biases.
+
+        Before vision spoke, `c` was distributed about `mean + gain (b - b_hat)` with covariance `conditional`; all that the
+        state has learned since reaches `c` through the biases alone (docs/filter.md, section 7).
+
+        Args:
+            mean: (6,) of `c` at the present biases, gain: (6, 6), conditional: (6, 6).
+        """
+        n, i = self.size, IMU_SIZE
+        cross = gain @ self._P[BIASES]  # (6, n)
         P = np.zeros((n + 6, n + 6))
-        old = np.r_[0:IMU_SIZE, IMU_SIZE + 6 : n + 6]
+        old = np.r_[0:i, i + 6 : n + 6]
+        new = slice(i, i + 6)
         P[np.ix_(old, old)] = self._P
-        new = slice(IMU_SIZE, IMU_SIZE + 6)
-        P[new, new] = covariance
-        if cross is not None:
-            P[BIASES, new] = cross
-            P[new, BIASES] = cross.T
+        P[new, old] = cross
+        P[old, new] = cross.T
+        P[new, new] = conditional + gain @ self._P[BIASES, BIASES] @ gain.T
         self._P = P
-        self.c = np.zeros(6)
+        self.c = mean.copy()
 
     def widen_biases(self, covariance: Floats) -> None:
         """Add (6, 6) to the covariance of the biases: what was known of them is doubted."""

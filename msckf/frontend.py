@@ -1,0 +1,84 @@
+"""Frames become observations: images are tracked, tracks are passed on, faults are named."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msckf.views import Rig
+from navcore.arrays import Floats, Rotations, Stamps
+from navcore.errors import DataError
+from navcore.sequence import Frame
+from navcore.tracker import Tracker, TrackerConfig
+
+
+@dataclass(frozen=True)
+class Observations:
+    """What all cameras followed into one frame.
+
+    Attributes:
+        keys: (N,) feature numbers, unique over cameras.
+        cameras: (N,) camera index.
+        uv: (N, 2) px.
+        faults: what was wrong with the images.
+    """
+
+    keys: Stamps
+    cameras: Stamps
+    uv: Floats
+    faults: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+
+class Frontend:
+    """One tracker per camera, and the rotation since each last saw something."""
+
+    def __init__(self, rig: Rig, config: TrackerConfig) -> None:
+        self._rig = rig
+        self._trackers = [Tracker(mount.camera, config) for mount in rig.mounts]
+        self._since: list[Rotations | None] = [np.eye(3) for _ in rig.mounts]
+
+    def observe(self, frame: Frame, R_B1B0: Rotations | None) -> Observations:
+        """Observations of a frame; `R_B1B0` is the body's rotation since the last frame, None if it is not known."""
+        keys, cameras, uvs, faults = [], [], [], []
+        count = len(self._trackers)
+        for c in range(count):
+            since = self._since[c]
+            self._since[c] = None if R_B1B0 is None or since is None else R_B1B0 @ since
+            try:
+                ids, uv, fault = self._one(frame, c)
+            except DataError as error:
+                faults.append(f"camera {c}: {error}")
+                continue
+            if fault is not None:
+                faults.append(f"camera {c}: {fault}")
+            self._since[c] = np.eye(3)
+            keys.append(ids * count + c)
+            cameras.append(np.full(len(ids), c, dtype=np.int64))
+            uvs.append(uv)
+        empty = np.zeros(0, dtype=np.int64)
+        return Observations(
+            np.concatenate([empty, *keys]),
+            np.concatenate([empty, *cameras]),
+            np.concatenate([np.zeros((0, 2)), *uvs]),
+            tuple(faults),
+        )
+
+    def _one(self, frame: Frame, c: int) -> tuple[Stamps, Floats, str | None]:
+        """Ids, pixels and the fault of one camera's picture."""
+        if c in frame.tracks:
+            tracks = frame.tracks[c]
+            return tracks.ids, tracks.uv, None
+        if c not in frame.images:
+            raise DataError("no image")
+        camera = self._rig.mounts[c].camera
+        image = frame.images[c].load()
+        if image.shape != (camera.height, camera.width) or image.dtype != np.uint8:
+            raise DataError(
+                f"image is {image.shape[::-1]} {image.dtype}, expected ({camera.width}, {camera.height}) uint8"
+            )
+        R_BC, R_B1B0 = self._rig.mounts[c].R_BC, self._since[c]
+        R_C1C0 = None if R_B1B0 is None else R_BC.T @ R_B1B0 @ R_BC
+        tracks = self._trackers[c].track(image, R_C1C0)
+        return tracks.ids, tracks.uv, self._trackers[c].quality.fault

@@ -1,0 +1,80 @@
+"""How good the estimate is, and why it is not better."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msckf.config import HealthConfig
+from msckf.frontend import Observations
+from msckf.state import POSITION, VELOCITY, FilterState
+from msckf.window import VisualOutcome
+from navcore.odometry import Health
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Health with its reasons."""
+
+    health: Health
+    reasons: tuple[str, ...]
+
+
+class HealthMonitor:
+    """Judges every frame by what vision did and by the state's own bounds."""
+
+    def __init__(self, config: HealthConfig) -> None:
+        self._config = config
+        self._last_vision_ns = 0
+        self._position_variance = 0.0
+        self._gap_s = 0.0
+        self._refused = 0
+
+    def started(self, t_ns: int) -> None:
+        """The filter has just started."""
+        self._last_vision_ns = t_ns
+
+    def note_gap(self, seconds: float) -> None:
+        """So much of the last interval no IMU sample covered."""
+        self._gap_s = seconds
+
+    def judge(
+        self, state: FilterState, t_ns: int, observations: Observations, outcome: VisualOutcome, still: bool
+    ) -> Verdict:
+        """The verdict on the frame at `t_ns`."""
+        c = self._config
+        if outcome.used or still:
+            self._last_vision_ns = t_ns
+            self._position_variance = float(np.diagonal(state.covariance)[POSITION].max())
+        lost = self._lost(state)
+        if lost:
+            return Verdict(Health.LOST, (lost, *observations.faults))
+        reasons = list(observations.faults)
+        if still:
+            reasons.append("standing still")
+        if outcome.rejected > 2 * max(outcome.used, 4):
+            reasons.append(f"{outcome.rejected} features refused")
+        if len(observations) < c.min_tracked:
+            reasons.append(f"{len(observations)} features followed")
+        blind_s = (t_ns - self._last_vision_ns) * 1e-9
+        if len(observations) >= c.min_tracked and blind_s <= c.blind_s:
+            return Verdict(Health.TRACKING, tuple(reasons))
+        if blind_s > c.blind_s:
+            reasons.append(f"no visual correction for {blind_s:.1f} s")
+        return Verdict(Health.INERTIAL_ONLY, tuple(reasons))
+
+    def _lost(self, state: FilterState) -> str:
+        """Why the state is not to be trusted at all, or nothing."""
+        c = self._config
+        variance = np.diagonal(state.covariance)
+        if not (np.isfinite(variance).all() and np.isfinite(state.p_WB).all() and np.isfinite(state.R_WB).all()):
+            return "state is not finite"
+        speed = float(np.linalg.norm(state.v_WB))
+        if speed > c.max_speed:
+            return f"speed {speed:.1f} m/s is past {c.max_speed:.1f}"
+        if variance[VELOCITY].max() > c.max_velocity_sigma**2:
+            return f"velocity is known to {np.sqrt(variance[VELOCITY].max()):.1f} m/s only"
+        if variance[POSITION].max() - self._position_variance > c.max_position_sigma**2:
+            return f"position was lost by {np.sqrt(variance[POSITION].max()):.1f} m"
+        if self._gap_s > c.lost_imu_gap_s:
+            return f"IMU gap of {self._gap_s:.2f} s cannot be bridged"
+        return ""

@@ -1,0 +1,140 @@
+"""The bias prior as a pseudo-measurement (docs/filter.md, section 7)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msckf.config import PriorConfig, StartConfig
+from msckf.state import BIASES, FilterState
+from msckf.visual import chi_square_quantile
+from navcore.arrays import Floats
+from navcore.imu import ImuNoise
+from navcore.prior import BiasPrior, BiasPriorSource
+
+
+@dataclass(frozen=True)
+class StartingBias:
+    """What is known of the biases and of the prior's error when the filter starts.
+
+    Attributes:
+        device: mean and covariance of the biases.
+        c: (6,) the prior's error; gain: (6, 6) how it follows the biases; conditional: (6, 6) its rest. None without `c`.
+    """
+
+    device: BiasPrior
+    c: Floats | None = None
+    gain: Floats | None = None
+    conditional: Floats | None = None
+
+
+class PriorUpdate:
+    """Feeds the measurements of one source to the filter.
+
+    Model: z = b + c + e (DESIGN of the modelled mode): `c` is a state, constant over the run; `e` is white at one
+    measurement per window, since overlapping windows share it. The plain mode is the paper's factor (Yi et al., eqs. 4
+    and 5): residual W (b - b_hat), every measurement taken, nothing known of its error.
+    """
+
+    def __init__(self, source: BiasPriorSource, config: PriorConfig, noise: ImuNoise) -> None:
+        self.source = source
+        self.config = config
+        self._noise = noise
+        self._last_ns: int | None = None
+        self._surprises = 0
+        self.nis: float | None = None  # of the last measurement, before weighting
+        self.applied = 0
+
+    @property
+    def models_error(self) -> bool:
+        """Whether `c` is estimated."""
+        return self.config.mode == "modelled" and bool(np.any(np.diagonal(self.source.constant_covariance) > 0.0))
+
+    def starting_bias(self, config: StartConfig, t_ns: int) -> StartingBias:
+        """Device knowledge, joined with the measurements that came before the start by Bayes' rule."""
+        sigma = np.repeat([config.gyro_bias_sigma, config.accel_bias_sigma], 3)
+        wide = BiasPrior(t_ns, np.zeros(3), np.zeros(3), np.diag(sigma**2))
+        device = self.source.device() or wide
+        measurements = self._thinned(self.source.poll(t_ns))
+        constant = self.source.constant_covariance if self.models_error else np.zeros((6, 6))
+        mean = np.concatenate([device.vector, np.zeros(6)])
+        P = np.zeros((12, 12))
+        P[:6, :6], P[6:, 6:] = device.covariance, constant
+        H = np.hstack([np.eye(6), np.eye(6) if self.models_error else np.zeros((6, 6))])
+        for z in measurements:
+            R = self._noise_of(z, t_ns)
+            K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+            mean = mean + K @ (z.vector - H @ mean)
+            P = P - K @ H @ P
+            P = 0.5 * (P + P.T)
+        fused = BiasPrior(t_ns, mean[:3], mean[3:6], P[:6, :6])
+        if not self.models_error:
+            return StartingBias(fused)
+        gain = np.linalg.solve(P[:6, :6], P[:6, 6:]).T
+        conditional = P[6:, 6:] - gain @ P[:6, 6:]
+        return StartingBias(fused, mean[6:], gain, 0.5 * (conditional + conditional.T))
+
+    def begin(self, state: FilterState, start: StartingBias) -> None:
+        """Add `c` to a state that has just started from `start`."""
+        if start.c is None or start.gain is None or start.conditional is None:
+            return
+        mean = start.c + start.gain @ (state.biases - start.device.vector)
+        state.add_prior_error(mean, start.gain, start.conditional)
+
+    def update(self, state: FilterState, t_ns: int) -> tuple[str, ...]:
+        """Apply what the source has to say by IMU time `t_ns`; returns findings for `Health`."""
+        findings: tuple[str, ...] = ()
+        self.nis = None
+        for z in self._thinned(self.source.poll(t_ns)):
+            self.applied += 1
+            if self.config.mode == "plain":
+                self._plain(state, z)
+            elif not self._modelled(state, z, t_ns):
+                self._surprises += 1
+                if self._surprises >= self.config.surprises:
+                    innovation = z.vector - state.biases - (0.0 if state.c is None else state.c)
+                    state.widen_biases(np.diag(innovation**2))
+                    self._surprises = 0
+                    findings = ("bias prior and filter disagree",)
+            else:
+                self._surprises = 0
+        return findings
+
+    def _thinned(self, measurements: list[BiasPrior]) -> list[BiasPrior]:
+        """In the modelled mode, at most one measurement per window."""
+        if self.config.mode == "plain":
+            return measurements
+        kept = []
+        for z in measurements:
+            if self._last_ns is None or z.t_ns - self._last_ns >= self.source.window_s * 1e9 - 1e6:
+                self._last_ns = z.t_ns
+                kept.append(z)
+        return kept
+
+    def _noise_of(self, z: BiasPrior, t_ns: int) -> Floats:
+        """(6, 6): the measurement's own, and the random walk of the biases since it was true."""
+        if self.config.mode == "plain":
+            return np.eye(6) / self.config.weight**2
+        age = max(t_ns - z.t_ns, 0) * 1e-9
+        walk = np.repeat([self._noise.gyroscope_random_walk, self._noise.accelerometer_random_walk], 3)
+        return z.covariance + np.diag(walk**2 * age)
+
+    def _plain(self, state: FilterState, z: BiasPrior) -> None:
+        R = self._noise_of(z, z.t_ns)
+        r = z.vector - state.biases
+        S = state.covariance[BIASES, BIASES] + R
+        self.nis = float(r @ np.linalg.solve(S, r))
+        state.update(np.eye(6), np.r_[BIASES], r, R)
+
+    def _modelled(self, state: FilterState, z: BiasPrior, t_ns: int) -> bool:
+        """Update with a Student-t weight; False if the innovation is a surprise."""
+        columns, H, r = np.r_[BIASES], np.eye(6), z.vector - state.biases
+        if state.c is not None:
+            columns, H, r = np.r_[BIASES, state.prior_error], np.hstack([np.eye(6), np.eye(6)]), r - state.c
+        R = self._noise_of(z, t_ns)
+        S = H @ state.covariance[np.ix_(columns, columns)] @ H.T + R
+        self.nis = float(r @ np.linalg.solve(S, r))
+        surprise = self.nis > chi_square_quantile(self.config.surprise_probability, 6)
+        # Expected precision of a Student-t innovation: (dof + 6) / (dof + nis), never more than the Gaussian's.
+        weight = min((self.config.student_dof + 6.0) / (self.config.student_dof + self.nis), 1.0)
+        state.update(H, columns, r, R + (1.0 / weight - 1.0) * S)
+        return not surprise

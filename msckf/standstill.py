@@ -1,0 +1,35 @@
+"""Standing still: detected by IMU and images together, used as zero velocity and an unchanged pose."""
+
+import numpy as np
+
+from msckf.config import StandstillConfig
+from msckf.imu_buffer import ImuBuffer
+from msckf.state import POSITION, THETA, VELOCITY, FilterState
+from navcore import so3
+
+
+def imu_is_quiet(buffer: ImuBuffer, t_ns: int, config: StandstillConfig, window_s: float) -> bool:
+    """Whether rate and specific force were steady for `window_s` up to IMU time `t_ns`."""
+    gyro, accel = buffer.samples(t_ns - round(window_s * 1e9), t_ns)
+    if len(gyro) < 10:
+        return False
+    return bool(gyro.std(axis=0).max() < config.gyro_std and accel.std(axis=0).max() < config.accel_std)
+
+
+def standstill_update(state: FilterState, config: StandstillConfig) -> None:
+    """Pose is that of the newest clone, velocity is zero (docs/filter.md, section 5)."""
+    clones = state.clones
+    k = len(clones) - 1
+    columns = np.r_[THETA, POSITION, VELOCITY, state.clone(k)]
+    R_0, p_0 = clones.R_WB[k], clones.p_WB[k]
+    turn = so3.log(R_0.T @ state.R_WB)  # z_hat = log(R_0^T R), z = 0
+    H = np.zeros((9, len(columns)))
+    J = so3.right_jacobian_inverse(turn)
+    H[0:3, 0:3] = J
+    H[0:3, 9:12] = -J @ (state.R_WB.T @ R_0)
+    H[3:6, 3:6] = np.eye(3)
+    H[3:6, 12:15] = -np.eye(3)
+    H[6:9, 6:9] = np.eye(3)
+    r = np.concatenate([-turn, p_0 - state.p_WB, -state.v_WB])
+    sigma = np.repeat([config.rotation_sigma, config.position_sigma, config.velocity_sigma], 3)
+    state.update(H, columns, r, np.diag(sigma**2))

@@ -1,0 +1,101 @@
+"""Before there is a state: frames are collected until the rig stands still, or its motion tells the state."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msckf.config import FilterConfig
+from msckf.features import FeatureTable
+from msckf.frontend import Observations
+from msckf.imu_buffer import ImuBuffer
+from msckf.moving_start import Window, moving_start
+from msckf.prior_update import StartingBias
+from msckf.standstill import imu_is_quiet
+from msckf.static_start import static_start
+from msckf.views import Rig, Views
+from navcore.calibration import Calibration
+from navcore.odometry import State
+
+_ATTEMPT_S = 0.2  # between attempts of a moving start
+
+
+@dataclass(frozen=True)
+class Start:
+    """A start, or why there is none yet."""
+
+    state: State | None
+    reason: str
+
+
+class Starter:
+    """Collects frames and finds the first state."""
+
+    def __init__(self, calibration: Calibration, rig: Rig, config: FilterConfig) -> None:
+        self._noise = calibration.imu
+        self._rig = rig
+        self._config = config
+        self._table = FeatureTable()
+        self._t_ns: list[int] = []
+        self._last_attempt_ns: int | None = None
+        self._last_reason = "collecting images"
+
+    def attempt(self, t_ns: int, observations: Observations, buffer: ImuBuffer, bias: StartingBias) -> Start:
+        """Take the observations of a frame at IMU time `t_ns` and try to start there."""
+        c = self._config.start
+        if buffer.oldest_ns is None or buffer.oldest_ns > t_ns:
+            return Start(None, "no IMU yet")
+        self._table.add_column(observations.keys, observations.cameras, observations.uv)
+        self._t_ns.append(t_ns)
+        keep_ns = round(1.1e9 * max(c.moving_s, c.static_s))
+        while self._t_ns[0] < t_ns - keep_ns:
+            self._t_ns.pop(0)
+            self._table.drop_column(0)
+        if c.mode in ("auto", "static"):
+            start = self._static(t_ns, buffer, bias)
+            if start.state is not None or c.mode == "static":
+                return start
+        return self._moving(t_ns, buffer, bias)
+
+    def _static(self, t_ns: int, buffer: ImuBuffer, bias: StartingBias) -> Start:
+        c = self._config
+        begin_ns = t_ns - round(c.start.static_s * 1e9)
+        if self._t_ns[0] > begin_ns + 1_000_000 or (buffer.oldest_ns or 0) > begin_ns + 10_000_000:
+            return Start(None, "collecting images")
+        gyro, accel = buffer.samples(begin_ns, t_ns)
+        if not imu_is_quiet(buffer, t_ns, c.standstill, c.start.static_s):
+            return Start(None, "not standing still")
+        k = int(np.searchsorted(self._t_ns, begin_ns - 1_000_000))
+        both = self._table.seen[:, k] & self._table.seen[:, -1]
+        if both.sum() < 10:
+            return Start(None, "too few features are followed")
+        moved = np.linalg.norm(self._table.uv[both, k] - self._table.uv[both, -1], axis=1)
+        if np.median(moved) > c.start.static_disparity:
+            return Start(None, "not standing still")
+        return Start(static_start(gyro, accel, self._noise, bias.device), "")
+
+    def _moving(self, t_ns: int, buffer: ImuBuffer, bias: StartingBias) -> Start:
+        c = self._config.start
+        columns = self._keyframes(t_ns)
+        if columns is None:
+            return Start(None, "collecting images")
+        if self._last_attempt_ns is not None and t_ns - self._last_attempt_ns < _ATTEMPT_S * 1e9 - 1e6:
+            return Start(None, self._last_reason)
+        self._last_attempt_ns = t_ns
+        seen = self._table.seen[:, columns]
+        rows = seen.sum(axis=1) >= self._config.vision.min_views
+        views = Views(self._rig, self._table.cameras[rows], self._table.uv[rows][:, columns], seen[rows])
+        times = [self._t_ns[k] for k in columns]
+        cells = [buffer.cells(a, b) for a, b in zip(times[:-1], times[1:], strict=True)]
+        result = moving_start(Window(cells, views, self._noise, bias.device), c, self._config.vision)
+        self._last_reason = result.reason
+        return Start(result.state, result.reason)
+
+    def _keyframes(self, t_ns: int) -> list[int] | None:
+        """Columns about `keyframe_s` apart that end with the newest and span `moving_s`; None if there are too few."""
+        c = self._config.start
+        wanted = t_ns - np.arange(round(c.moving_s / c.keyframe_s), -1, -1) * round(c.keyframe_s * 1e9)
+        times = np.array(self._t_ns)
+        if times[0] > wanted[0] + 0.5e9 * c.keyframe_s:
+            return None
+        columns = sorted({int(np.argmin(np.abs(times - w))) for w in wanted})
+        return columns if len(columns) >= 5 else None
