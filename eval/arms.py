@@ -1,0 +1,68 @@
+"""The arms of a study: what an estimator is told about the biases, all else being equal."""
+
+import hashlib
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from eval.errors import StudyError
+from eval.sources import PointsFlight
+
+BASE = "none"
+"""The arm that all others are compared with."""
+
+
+@dataclass(frozen=True)
+class Arm:
+    """One way to tell, or not to tell.
+
+    Attributes:
+        name: for people.
+        prior: as `navcore.prior.load_prior` takes it; a file is looked for in the study's folder.
+        noise_seed: another draw of IMU and vision over the same flight: it shows what chance does.
+    """
+
+    name: str
+    prior: str
+    noise_seed: int | None = None
+
+    def reseeded(self, source: PointsFlight) -> PointsFlight:
+        """The flight as this arm sees it."""
+        return replace(source, noise_seed=self.noise_seed) if self.noise_seed is not None else source
+
+
+def write_device(workspace: Path, platform: str, seeds: range) -> str:
+    """What other recordings say of the device, for the prior `constant`: mean and spread of first biases.
+
+    The spread is that of the next draw: the sample covariance times 1 + 1/n.
+
+    Args:
+        workspace: the study's folder, where the file is put.
+        platform: whose recordings.
+        seeds: of those recordings; none of them may be in the study.
+
+    Returns:
+        Name of the file in `workspace`; a hash of its content is part of it.
+
+    Raises:
+        StudyError: too few seeds for a covariance of six numbers.
+    """
+    if len(seeds) < 12:
+        raise StudyError(f"a device prior from {len(seeds)} recordings; its covariance needs 12 or more")
+    drawn = []
+    for seed in seeds:
+        truth = PointsFlight(platform, 1.0, seed).load(workspace).truth
+        assert truth is not None and truth.b_g is not None and truth.b_a is not None
+        drawn.append(np.concatenate([truth.b_g[0], truth.b_a[0]]))
+    mean = np.mean(drawn, axis=0)
+    covariance = np.cov(np.array(drawn).T) * (1.0 + 1.0 / len(drawn))
+    content = {"b_g": mean[:3].tolist(), "b_a": mean[3:].tolist(), "covariance": covariance.tolist()}
+    text = json.dumps(content, indent=1)
+    name = f"device-{hashlib.sha256(text.encode()).hexdigest()[:8]}.json"
+    workspace.mkdir(parents=True, exist_ok=True)
+    partial = workspace / f".{name}.partial"
+    partial.write_text(text)
+    partial.replace(workspace / name)
+    return name
