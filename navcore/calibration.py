@@ -1,5 +1,8 @@
 """Calibration of a rig: IMU noise, cameras, where they sit and when they see."""
 
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,6 +14,9 @@ from navcore.arrays import Floats, frozen
 from navcore.camera import MODELS, Camera
 from navcore.errors import DataError
 from navcore.imu import ImuNoise
+
+_FRAME_RATE = 20.0  # Hz, where a calibration does not say
+_IMU_RATE = 200.0
 
 
 @dataclass(frozen=True)
@@ -80,52 +86,108 @@ def _get(content: dict[str, Any], key: str, path: Path) -> Any:
     return content[key]
 
 
+def _numbers(content: dict[str, Any], key: str, path: Path, shape: tuple[int, ...]) -> Floats:
+    """The finite numbers under a key, however they are nested, in this shape."""
+    value = _get(content, key, path)
+    count = math.prod(shape)
+    try:
+        numbers: Floats = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"{path}: {key} is {value!r}, expected {count} numbers") from error
+    if numbers.size != count or not np.isfinite(numbers).all():
+        raise DataError(f"{path}: {key} has {numbers.size} numbers, expected {count}, all finite: {value!r}")
+    return numbers.reshape(shape)
+
+
+def _number(content: dict[str, Any], key: str, path: Path, default: float) -> float:
+    return float(_numbers(content, key, path, ())) if key in content else default
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Put the file before what a value object says of its values."""
+    try:
+        yield
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from error
+
+
 def _camera(content: dict[str, Any], coefficients_key: str, path: Path) -> Camera:
     models = (str(_get(content, "camera_model", path)), str(_get(content, "distortion_model", path)))
     if models not in MODELS:
         raise DataError(f"{path}: camera {models} is unknown; known are {sorted(MODELS)}")
-    width, height = (int(x) for x in _get(content, "resolution", path))
-    fx, fy, cx, cy = (float(x) for x in _get(content, "intrinsics", path))
-    k = tuple(float(x) for x in _get(content, coefficients_key, path))
-    if len(k) != 4:
-        raise DataError(f"{path}: {coefficients_key} has {len(k)} numbers, expected 4")
-    return MODELS[models](width, height, fx, fy, cx, cy, (k[0], k[1], k[2], k[3]))
+    width, height = (int(x) for x in _numbers(content, "resolution", path, (2,)))
+    fx, fy, cx, cy = _numbers(content, "intrinsics", path, (4,)).tolist()
+    k1, k2, k3, k4 = _numbers(content, coefficients_key, path, (4,)).tolist()
+    with _named(path):
+        return MODELS[models](width, height, fx, fy, cx, cy, (k1, k2, k3, k4))
 
 
 def camera_from_euroc(path: Path) -> CameraMount:
-    """A camera from an EuRoC `camN/sensor.yaml`; its `T_BS` is C to B."""
+    """A camera from an EuRoC `camN/sensor.yaml`; its `T_BS` is C to B.
+
+    Raises:
+        DataError: a key is missing or does not hold what it should; the message names the file.
+    """
     content = load_yaml(path)
-    T_BS = np.array(_get(_get(content, "T_BS", path), "data", path), dtype=np.float64).reshape(4, 4)
+    T_BC = pose_from_euroc(content, path)
     camera = _camera(content, "distortion_coefficients", path)
-    offset = float(content.get("timeshift_cam_imu", 0.0))
-    return CameraMount(camera, T_BS, offset, float(content.get("rate_hz", 20.0)))
+    offset = _number(content, "timeshift_cam_imu", path, 0.0)
+    with _named(path):
+        return CameraMount(camera, T_BC, offset, _number(content, "rate_hz", path, _FRAME_RATE))
+
+
+def pose_from_euroc(content: dict[str, Any], path: Path) -> Floats:
+    """(4, 4) `T_BS` of a `sensor.yaml`: the sensor's pose in the body frame."""
+    T_BS = _get(content, "T_BS", path)
+    if not isinstance(T_BS, dict):
+        raise DataError(f"{path}: T_BS is {T_BS!r}, expected a mapping with 16 numbers under data")
+    return _numbers(T_BS, "data", path, (4, 4))
 
 
 def imu_from_yaml(path: Path) -> ImuNoise:
-    """IMU noise from EuRoC's `imu0/sensor.yaml` or Kalibr's `imu.yaml`, with or without the `imu0` level."""
+    """IMU noise from EuRoC's `imu0/sensor.yaml` or Kalibr's `imu.yaml`, with or without the `imu0` level.
+
+    Raises:
+        DataError: a key is missing or does not hold what it should; the message names the file.
+    """
     content = load_yaml(path)
     content = content.get("imu0", content)
-    names = ("noise_density", "random_walk")
-    sensors = ("gyroscope", "accelerometer")
-    values = {f"{s}_{n}": float(_get(content, f"{s}_{n}", path)) for s in sensors for n in names}
-    rate = content.get("rate_hz", content.get("update_rate", 200.0))
-    return ImuNoise(**values, rate_hz=float(rate))
+    sensors, kinds = ("gyroscope", "accelerometer"), ("noise_density", "random_walk")
+    names = [f"{sensor}_{kind}" for sensor in sensors for kind in kinds]
+    values = {name: float(_numbers(content, name, path, ())) for name in names}
+    rate_key = "rate_hz" if "rate_hz" in content else "update_rate"
+    with _named(path):
+        return ImuNoise(**values, rate_hz=_number(content, rate_key, path, _IMU_RATE))
 
 
-def cameras_from_kalibr(path: Path, rate_hz: float = 20.0) -> tuple[CameraMount, ...]:
+def cameras_from_kalibr(path: Path) -> tuple[CameraMount, ...]:
     """Cameras from Kalibr's `camchain-imucam.yaml`.
 
     Its `T_cam_imu` is B to C, its time shift is ours: t_imu = t_cam + shift.
+
+    Raises:
+        DataError: a key is missing or does not hold what it should; the message names the file.
     """
     content = load_yaml(path)
     mounts = []
     for name in sorted(k for k in content if str(k).startswith("cam")):
         entry = content[name]
-        T_CB: Floats = np.array(_get(entry, "T_cam_imu", path), dtype=np.float64).reshape(4, 4)
-        offset = float(entry.get("timeshift_cam_imu", 0.0))
+        if not isinstance(entry, dict):
+            raise DataError(f"{path}: {name} is {entry!r}, expected the keys of a camera")
+        T_CB = _numbers(entry, "T_cam_imu", path, (4, 4))
+        offset = _number(entry, "timeshift_cam_imu", path, 0.0)
         camera = _camera(entry, "distortion_coeffs", path)
-        T_BC = np.linalg.inv(T_CB).astype(np.float64)
-        mounts.append(CameraMount(camera, T_BC, offset, rate_hz))
+        with _named(path):
+            mounts.append(CameraMount(camera, _inverse(T_CB), offset, _FRAME_RATE))
     if not mounts:
         raise DataError(f"{path}: no camera (cam0, cam1, ...) in it")
     return tuple(mounts)
+
+
+def _inverse(T: Floats) -> Floats:
+    """The inverse of a pose (4, 4); its rotation need not be one to the last digit."""
+    if abs(np.linalg.det(T)) < 0.5:
+        raise DataError(f"T_cam_imu holds no rotation:\n{T}")
+    T_inverse: Floats = np.linalg.inv(T).astype(np.float64)
+    return T_inverse

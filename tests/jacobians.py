@@ -22,8 +22,8 @@ def assert_jacobian(
 ) -> None:
     """Assert that J (m, n) is the derivative of `f` at `x`, against central differences on the manifold.
 
-    Column k of J is d local(f(x), f(retract(x, d))) / d d_k at d = 0. An entry may be off by `rtol` of the largest
-    entry in J, plus `atol`.
+    Column k of J is d local(f(x), f(retract(x, d))) / d d_k at d = 0. An entry may be off by `rtol` of the
+    largest entry in J, plus `atol`.
 
     Args:
         f: the function; of anything that `retract` takes, to anything that `local` takes.

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from navcore.calibration import Calibration, camera_from_euroc, imu_from_yaml, load_yaml
+from navcore.calibration import Calibration, camera_from_euroc, imu_from_yaml, load_yaml, pose_from_euroc
 from navcore.errors import DataError
 from navcore.readers import asl
 from navcore.sequence import Sequence
@@ -41,6 +41,6 @@ def read(path: Path) -> Sequence:
 
 def _check_body(sensor: Path) -> None:
     """Raise unless the IMU is the body, as everything else here takes for granted."""
-    T_BS = load_yaml(sensor).get("T_BS", {}).get("data", np.eye(4))
-    if not np.allclose(np.asarray(T_BS, dtype=np.float64).reshape(-1), np.eye(4).reshape(-1)):
-        raise DataError(f"{sensor}: T_BS is {T_BS}, expected the identity: the body frame is the IMU's")
+    content = load_yaml(sensor)
+    if "T_BS" in content and not np.allclose(pose_from_euroc(content, sensor), np.eye(4)):
+        raise DataError(f"{sensor}: T_BS is not the identity; the body frame has to be the IMU's")

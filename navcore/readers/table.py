@@ -34,6 +34,7 @@ def read_table(
         DataError: the file is missing or empty, or a row has the wrong number of fields, something that is no
             finite number, or a stamp that does not follow the last one. The message has file and line.
     """
+    count_columns(path, expected)
     table = _Table(path, columns, expected, frozenset(nan_columns), repeats)
     row = np.dtype([("t_ns", np.int64), ("values", np.float64, (columns,))])
     header = _header_lines(path, expected)
@@ -45,8 +46,6 @@ def read_table(
         raise table.first_fault(str(error)) from error
     t_ns: Stamps = np.ascontiguousarray(rows["t_ns"])
     values: Floats = np.ascontiguousarray(rows["values"])
-    if t_ns.size == 0:
-        raise DataError(f"{path}: no rows; expected {expected}")
     strict = [k for k in range(columns) if k not in table.nan_columns]
     finite = np.isfinite(values[:, strict]).all() and not np.isinf(values).any()
     if not finite or np.any(np.diff(t_ns) < (0 if repeats else 1)):
