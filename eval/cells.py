@@ -76,6 +76,21 @@ class Cell:
         return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 
+@dataclass(frozen=True)
+class Study:
+    """What is to be run; chosen beforehand, never by result.
+
+    Attributes:
+        name: for people.
+        cells: all of them.
+        base: the arm that the others are compared with.
+    """
+
+    name: str
+    cells: tuple[Cell, ...]
+    base: str = "none"
+
+
 def versions(estimators: tuple[str, ...] = ("msckf",)) -> dict[str, str]:
     """What results depend on apart from their config: interpreter, libraries, and the code of this project.
 

@@ -1,7 +1,6 @@
 """Where the recordings of a study come from: simulated points, simulated images, or a folder."""
 
 import hashlib
-import shutil
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -13,6 +12,7 @@ from navcore.sequence import Sequence
 from sim.motion import Motion
 from sim.platforms import simulate_motion
 from sim.points import simulate_points
+from sim.record import RecordConfig, record
 
 
 @dataclass(frozen=True)
@@ -71,17 +71,9 @@ class RenderedFlight:
 
     def make(self, workspace: Path) -> None:
         """Render it, unless it is there; the folder appears whole or not at all."""
-        from sim.record import record  # the renderer is loaded by the workers that use it
-
         folder = self.folder(workspace)
-        if folder.is_dir():
-            return
-        partial = folder.with_name(f".{folder.name}.partial")
-        if partial.exists():
-            shutil.rmtree(partial)
-        partial.parent.mkdir(parents=True, exist_ok=True)
-        record(self.platform, self.seconds, self.seed, partial, degrade=self.degrade)
-        partial.rename(folder)
+        if not folder.is_dir():
+            record(RecordConfig(folder, self.platform, self.seconds, self.seed, self.degrade))
 
     def load(self, workspace: Path) -> Sequence:
         """Read it.

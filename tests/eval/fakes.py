@@ -38,8 +38,9 @@ class FakeFlight:
 class FakeOdometry:
     """Answers each frame with the truth plus noise of a known spread; the bias prior is not looked at.
 
-    Overrides: `scale` of the errors, `draw` (seed of the noise), `fail` (raise that message), `blind_after` (no state from that
-    frame on), `kill_once` (a file: end the whole process hard, once, the first time it is missing).
+    Overrides: `scale` of the errors; `draw`, the seed of the noise; `fail`, a message to raise;
+    `blind_after`, the frame from which there is no state; `kill_once`, a file: the first time that it is
+    missing the whole process ends hard.
     """
 
     def __init__(self, overrides: Mapping[str, Any]) -> None:

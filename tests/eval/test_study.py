@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from eval import records
-from eval.cells import Cell, versions
+from eval.cells import Cell, Study, versions
 from eval.errors import StudyError
+from eval.outcome import load
 from eval.records import Record
-from eval.study import Study, load, run_study
+from eval.study import run_study
 from eval.work import load_estimator, run_cell
 from tests.eval.fakes import FakeFlight
 

@@ -1,0 +1,104 @@
+"""Tables of a study, as plain rows that a terminal and a page can both show."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import rich.table
+
+from eval.outcome import Outcome
+from eval.paired import GROUP, Paired, frame
+from eval.records import Record
+
+_NOTHING = "–"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A title, column heads, and rows of text; the first `labels` columns name the row."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    labels: int = 1
+
+    def rich(self) -> rich.table.Table:
+        """The same for a terminal."""
+        table = rich.table.Table(title=self.title, title_justify="left")
+        for k, name in enumerate(self.columns):
+            table.add_column(name, justify="left" if k < self.labels else "right", no_wrap=k < self.labels)
+        for row in self.rows:
+            table.add_row(*row)
+        return table
+
+
+def score_table(scores: dict[str, float], title: str) -> Table:
+    """One run, a row for each measure."""
+    rows = tuple((name, f"{value:.6g}") for name, value in scores.items())
+    return Table(title, ("measure", "value"), rows)
+
+
+def group_table(records: Iterable[Record]) -> Table:
+    """A row for each scene, condition and arm: medians over seeds, with the range of ATE."""
+    columns = (
+        *("scene", "condition", "arm", "runs", "failed", "diverged", "complete"),
+        *("ATE [m]", "min … max", "ATE [°]", "8 m RPE [m]", "b_g end [rad/s]", "b_a end [m/s²]"),
+    )
+    rows = []
+    for names, group in frame(records).groupby([*GROUP, "arm"], sort=False):
+        ate = group["ate_m"].dropna()
+        spread = f"{ate.min():.3f} … {ate.max():.3f}" if len(ate) > 1 else _NOTHING
+        rows.append(
+            (
+                *(str(names[0]), str(names[1]), str(names[3])),
+                *(str(len(group)), str(group.failure.notna().sum()), f"{(group.diverged == 1.0).sum()}"),
+                *(_median(group, "completeness", ".1%"), _median(group, "ate_m", ".4f"), spread),
+                *(_median(group, "ate_deg", ".3f"), _median(group, "rpe_8m_m", ".4f")),
+                *(_median(group, "b_g_end", ".2e"), _median(group, "b_a_end", ".4f")),
+            )
+        )
+    return Table("Scores: medians over the runs of a row", columns, tuple(rows), labels=3)
+
+
+def paired_table(pairs: Iterable[Paired]) -> Table:
+    """A row for each comparison that has more than one seed."""
+    columns = (
+        *("scene", "condition", "arm / base", "pairs", "ATE ratio, median", "95 % interval", "p"),
+        *("share of truth's gain", "diverged", "base diverged", "failed"),
+    )
+    pairs = list(pairs)
+    rows = []
+    for p in pairs:
+        if len(p.seeds) + p.diverged + p.base_diverged + p.failed < 2:
+            continue
+        interval = f"{p.low:.3f} … {p.high:.3f}" if p.low is not None and p.high is not None else _NOTHING
+        median = f"{p.median:.3f} ({p.median - 1.0:+.0%})" if p.median is not None else _NOTHING
+        chance = f"{p.p_value:.2g}" if p.p_value is not None else _NOTHING
+        counts = (str(p.diverged), str(p.base_diverged), str(p.failed))
+        label = (p.scene, p.condition, f"{p.arm} / {p.base}")
+        rows.append((*label, str(len(p.seeds)), median, interval, chance, _share(p, pairs), *counts))
+    return Table("ATE of each arm over that of the base, seed by seed", columns, tuple(rows), labels=3)
+
+
+def failure_table(outcome: Outcome) -> Table:
+    """A row for each cell that raised, that has no record, or that could not be run."""
+    rows = [(r.title, r.failure or "") for r in outcome.failures]
+    rows += [(title, "was not run") for title in outcome.missing]
+    rows += [("outside a cell", error) for error in outcome.errors]
+    return Table("What went wrong", ("cell", "message"), tuple(rows), labels=2)
+
+
+def _share(pair: Paired, pairs: list[Paired]) -> str:
+    """Its gain as a share of that of the arm `truth` in the same group, where truth gains for certain."""
+    for other in pairs:
+        same = (other.scene, other.condition, other.estimator) == (pair.scene, pair.condition, pair.estimator)
+        certain = other.arm == "truth" and other.high is not None and other.high < 1.0
+        if same and certain and other is not pair and pair.median is not None and other.median is not None:
+            return f"{np.log(pair.median) / np.log(other.median):.0%}"
+    return _NOTHING
+
+
+def _median(group: pd.DataFrame, name: str, form: str) -> str:
+    values = group[name].dropna() if name in group else pd.Series(dtype=np.float64)
+    return format(float(values.median()), form) if len(values) else _NOTHING
