@@ -11,6 +11,7 @@ ROOM_SIZE = (10.0, 8.0, 4.0)
 
 _CRATES = 14
 _LAMPS = 4
+_LAMP_HALF = (0.3, 0.3, 0.1)  # m
 _RING = 0.95  # m, how far clutter may stand out from the walls: the flying box begins behind it
 
 
@@ -28,10 +29,11 @@ class Layout:
 
     size: tuple[float, float, float]
     blocks: tuple[Block, ...]
+    lamp_places: tuple[tuple[float, float], ...]
 
     def landmarks(self, n: int, rng: np.random.Generator) -> tuple[Vectors, Vectors]:
         """Points (n, 3) m spread evenly over all surfaces, and the normals (n, 3) there, into the air."""
-        corners, edges_u, edges_v = (np.array(x) for x in zip(*self._rectangles(), strict=True))
+        corners, edges_u, edges_v = (np.array(x) for x in zip(*self.rectangles(), strict=True))
         normals = np.cross(edges_u, edges_v)
         area = np.linalg.norm(normals, axis=1)
         which = rng.choice(len(area), size=n, p=area / area.sum())
@@ -39,7 +41,35 @@ class Layout:
         points = corners[which] + s[:, :1] * edges_u[which] + s[:, 1:] * edges_v[which]
         return points, (normals / area[:, None])[which]
 
-    def _rectangles(self) -> list[tuple[Floats, Floats, Floats]]:
+    def lamps(self) -> Vectors:
+        """(L, 3) m: where the light comes from, just under the lamps."""
+        return np.array([(x, y, self.size[2] - 2.0 * _LAMP_HALF[2] - 0.02) for x, y in self.lamp_places])
+
+    def distance(self, start: Vectors, direction: Vectors) -> Floats:
+        """(N,) m: how far rays from (N, 3) m along unit directions (N, 3) go until they hit anything."""
+        half = 0.5 * np.array(self.size)
+        centre = np.array([0.0, 0.0, half[2]])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            exits = np.where(
+                direction != 0.0, (np.sign(direction) * half - (start - centre)) / direction, np.inf
+            )
+        free: Floats = np.minimum(exits.min(axis=1), self.clutter_distance(start, direction))
+        return free
+
+    def clutter_distance(self, start: Vectors, direction: Vectors) -> Floats:
+        """(N,) m: the same for the clutter alone, infinite where a ray misses it."""
+        nearest = np.full(len(start), np.inf)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse = 1.0 / direction
+            for block in self.blocks:
+                a = (np.array(block.centre) - block.half - start) * inverse
+                b = (np.array(block.centre) + block.half - start) * inverse
+                enter, leave = np.fmin(a, b).max(axis=1), np.fmax(a, b).min(axis=1)
+                hit = (enter < leave) & (enter > 0.0)
+                nearest = np.where(hit, np.minimum(nearest, enter), nearest)
+        return nearest
+
+    def rectangles(self) -> list[tuple[Floats, Floats, Floats]]:
         """Corner and two edges of every rectangle; edge u x edge v points into the air."""
         w, d, h = self.size
         room = _sides(np.array([0.0, 0.0, 0.5 * h]), 0.5 * np.array([w, d, h]))
@@ -77,7 +107,8 @@ def furnished_room(rng: np.random.Generator) -> Layout:
         blocks.append(
             Block((float(x), float(y), float(half[2])), (float(half[0]), float(half[1]), float(half[2])))
         )
-    for _ in range(_LAMPS):
-        x, y = rng.uniform(-0.4 * w, 0.4 * w), rng.uniform(-0.4 * d, 0.4 * d)
-        blocks.append(Block((float(x), float(y), h - 0.1), (0.3, 0.3, 0.1)))
-    return Layout(ROOM_SIZE, tuple(blocks))
+    lamps = tuple(
+        (float(rng.uniform(-0.4 * w, 0.4 * w)), float(rng.uniform(-0.4 * d, 0.4 * d))) for _ in range(_LAMPS)
+    )
+    blocks += [Block((x, y, h - _LAMP_HALF[2]), _LAMP_HALF) for x, y in lamps]
+    return Layout(ROOM_SIZE, tuple(blocks), lamps)
