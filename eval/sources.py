@@ -12,7 +12,7 @@ from navcore.sequence import Sequence
 from sim.motion import Motion
 from sim.platforms import simulate_motion
 from sim.points import simulate_points
-from sim.record import RecordConfig, record
+from sim.record import record
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class RenderedFlight:
         """Render it, unless it is there; the folder appears whole or not at all."""
         folder = self.folder(workspace)
         if not folder.is_dir():
-            record(RecordConfig(folder, self.platform, self.seconds, self.seed, self.degrade))
+            record(self.platform, self.seconds, self.seed, folder, degrade=self.degrade)
 
     def load(self, workspace: Path) -> Sequence:
         """Read it.

@@ -6,10 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 import rich.table
+from rich.markup import escape
 
+from eval.consistency import Nees, judge
 from eval.outcome import Outcome
 from eval.paired import GROUP, Paired, frame
 from eval.records import Record
+from navcore.odometry import BLOCKS
 
 _NOTHING = "–"
 
@@ -25,11 +28,13 @@ class Table:
 
     def rich(self) -> rich.table.Table:
         """The same for a terminal."""
-        table = rich.table.Table(title=self.title, title_justify="left")
+        table = rich.table.Table(title=escape(self.title), title_justify="left")
         for k, name in enumerate(self.columns):
-            table.add_column(name, justify="left" if k < self.labels else "right", no_wrap=k < self.labels)
+            table.add_column(
+                escape(name), justify="left" if k < self.labels else "right", no_wrap=k < self.labels
+            )
         for row in self.rows:
-            table.add_row(*row)
+            table.add_row(*(escape(text) for text in row))
         return table
 
 
@@ -81,12 +86,43 @@ def paired_table(pairs: Iterable[Paired]) -> Table:
     return Table("ATE of each arm over that of the base, seed by seed", columns, tuple(rows), labels=3)
 
 
+def consistency_table(records: Iterable[Record]) -> Table:
+    """A row for each scene, condition and arm whose runs all have NEES: means by block, and the judgement."""
+    groups: dict[tuple[str, str, str], list[Record]] = {}
+    for record in records:
+        names = (record.config["scene"], record.config["condition"], record.config["arm"])
+        groups.setdefault(names, []).append(record)
+    rows = []
+    for names, group in groups.items():
+        runs = [_nees_of(record) for record in group]
+        known = [run for run in runs if run is not None]
+        if len(known) < 2 or len(known) < len(runs):
+            continue
+        result = judge(known)
+        means = (f"{mean:.2f}" for mean in result.mean_per_dof)
+        wrong = dict.fromkeys(reason.split(":")[0] for reason in result.reasons)
+        verdict = "consistent" if result.passed else f"not: {', '.join(wrong)}"
+        rows.append((*names, str(len(known)), *means, verdict))
+    columns = ("scene", "condition", "arm", "runs", *BLOCKS, "judgement")
+    return Table("NEES by degree of freedom: means over runs and time", columns, tuple(rows), labels=3)
+
+
 def failure_table(outcome: Outcome) -> Table:
     """A row for each cell that raised, that has no record, or that could not be run."""
     rows = [(r.title, r.failure or "") for r in outcome.failures]
     rows += [(title, "was not run") for title in outcome.missing]
     rows += [("outside a cell", error) for error in outcome.errors]
     return Table("What went wrong", ("cell", "message"), tuple(rows), labels=2)
+
+
+def _nees_of(record: Record) -> Nees | None:
+    """The NEES that a record keeps, None if its run has none."""
+    names = [f"nees_{block}" for block in BLOCKS]
+    if not set(names) <= set(record.series.columns):
+        return None
+    kept = record.series[["t_s", *names]].dropna()
+    values = kept[names].to_numpy(dtype=np.float64)
+    return Nees(kept["t_s"].to_numpy(dtype=np.float64), values) if len(kept) else None
 
 
 def _share(pair: Paired, pairs: list[Paired]) -> str:

@@ -1,0 +1,253 @@
+"""The figures of a report, as plotly takes them: plain dictionaries of traces and layout."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from eval.alignment import Alignment, align
+from eval.paired import Paired, frame, median_interval
+from eval.records import Record
+from navcore.arrays import Floats
+from navcore.odometry import Health
+
+Figure = dict[str, Any]
+
+ARM_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
+"""Okabe and Ito's, told apart by all kinds of colour vision; in the order in which arms come."""
+ARM_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "x", "cross")
+TRUTH_COLOUR = "#808080"
+HEALTH_COLOURS = {
+    Health.INITIALISING: "#999999",
+    Health.TRACKING: "#56B4E9",
+    Health.INERTIAL_ONLY: "#E69F00",
+    Health.LOST: "#D55E00",
+}
+_AXES = ("x", "y", "z")
+_SETTLED = 0.3  # share of a run after which the biases have settled, for the range that a figure shows
+
+
+def arms_of(records: Iterable[Record]) -> list[str]:
+    """Names of the arms in the order in which they come."""
+    return list(dict.fromkeys(str(r.config["arm"]) for r in records))
+
+
+def colour(arm: str, arms: list[str]) -> str:
+    """The same arm has the same colour in every figure."""
+    return ARM_COLOURS[arms.index(arm) % len(ARM_COLOURS)]
+
+
+def ate_by_condition(records: list[Record], scene: str, arms: list[str]) -> Figure:
+    """ATE of every run by condition and arm, with the median and its 95 % interval."""
+    table = frame(records)
+    table = table[(table.scene == scene) & table.ate_m.notna()]
+    conditions = list(table.condition.unique())
+    present = [arm for arm in arms if (table.arm == arm).any()]
+    traces: list[Figure] = []
+    for k, arm in enumerate(present):
+        look = {"color": colour(arm, arms), "symbol": ARM_SYMBOLS[arms.index(arm) % len(ARM_SYMBOLS)]}
+        offset = (k - 0.5 * (len(present) - 1)) * 0.8 / len(present)
+        groups = [table[(table.arm == arm) & (table.condition == c)].sort_values("seed") for c in conditions]
+        at = [(i + offset, g.ate_m.to_numpy(dtype=np.float64)) for i, g in enumerate(groups) if len(g)]
+        if any(len(values) > 1 for _, values in at):
+            x = np.concatenate([c + 0.09 * np.linspace(-1.0, 1.0, len(v)) for c, v in at])
+            y = np.concatenate([v for _, v in at])
+            seeds = [str(s) for g in groups for s in g.seed]
+            marks = look | {"size": 5, "opacity": 0.45}
+            traces.append(
+                _points(arm, x, y, marks, False)
+                | {"text": seeds, "hovertemplate": "seed %{text}: %{y:.4f} m"}
+            )
+        traces.append(_medians(arm, at, look))
+    ticks = {"tickvals": list(range(len(conditions))), "ticktext": conditions, "zeroline": False}
+    ticks |= {"range": [-0.6, len(conditions) - 0.4]}
+    return {
+        "data": traces,
+        "layout": {"xaxis": ticks, "yaxis": {"type": "log", "title": {"text": "ATE [m]"}}},
+    }
+
+
+def ratios(pairs: list[Paired], arms: list[str]) -> Figure:
+    """ATE over that of the base, seed by seed, with the median and its 95 % interval."""
+    shown = [p for p in pairs if len(p.seeds) > 1]
+    conditions = list(dict.fromkeys(p.condition for p in shown))
+    present = [arm for arm in arms if any(p.arm == arm for p in shown)]
+    traces: list[Figure] = []
+    for k, arm in enumerate(present):
+        offset = (0.5 * (len(present) - 1) - k) * 0.8 / len(present)
+        look = {"color": colour(arm, arms), "symbol": ARM_SYMBOLS[arms.index(arm) % len(ARM_SYMBOLS)]}
+        mine = [p for p in shown if p.arm == arm]
+        rows = [conditions.index(p.condition) + offset for p in mine]
+        x = np.concatenate([np.exp(p.log_ratios) for p in mine])
+        y = np.concatenate([np.full(len(p.seeds), row) for p, row in zip(mine, rows, strict=True)])
+        seeds = [str(s) for p in mine for s in p.seeds]
+        marks = look | {"size": 5, "opacity": 0.45}
+        traces.append(
+            _points(arm, x, y, marks, False) | {"text": seeds, "hovertemplate": "seed %{text}: × %{x:.3f}"}
+        )
+        median = np.array([p.median for p in mine])
+        high = np.array([p.high if p.high is not None else p.median for p in mine])
+        low = np.array([p.low if p.low is not None else p.median for p in mine])
+        bars = {
+            "type": "data",
+            "symmetric": False,
+            "array": _listed(high - median),
+            "arrayminus": _listed(median - low),
+        }
+        trace = _points(arm, median, np.array(rows), look | {"size": 11}, True)
+        traces.append(trace | {"error_x": bars | {"color": look["color"], "thickness": 2.5}})
+    one = {
+        "type": "line",
+        "x0": 1,
+        "x1": 1,
+        "yref": "paper",
+        "y0": 0,
+        "y1": 1,
+        "line": {"dash": "dot", "color": TRUTH_COLOUR},
+    }
+    ticks = {
+        "tickvals": list(range(len(conditions))),
+        "ticktext": conditions,
+        "zeroline": False,
+        "autorange": "reversed",
+    }
+    x_axis = {"type": "log", "title": {"text": "ATE / ATE of the base (left of 1: better)"}, "dtick": "D1"}
+    return {"data": traces, "layout": {"xaxis": x_axis, "yaxis": ticks, "shapes": [one]}}
+
+
+def paths(records: list[Record], arms: list[str]) -> Figure:
+    """The true and the estimated paths in three dimensions, aligned."""
+    truth = records[0].column("true_p_WB")
+    traces: list[Figure] = [_path("truth", truth, TRUTH_COLOUR, 6)]
+    for record in records:
+        moved = aligned_positions(record)
+        if moved is not None:
+            traces.append(_path(str(record.config["arm"]), moved, colour(str(record.config["arm"]), arms), 3))
+    scene = {"aspectmode": "data", **{f"{a}axis": {"title": {"text": f"{a} [m]"}} for a in _AXES}}
+    return {"data": traces, "layout": {"scene": scene, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}}}
+
+
+def biases(records: list[Record], arms: list[str]) -> Figure:
+    """Bias estimates with their 3 sigma bands against the truth: gyroscope left, accelerometer right."""
+    traces: list[Figure] = []
+    layout: Figure = {"grid": {"rows": 3, "columns": 2, "pattern": "independent"}}
+    for column, (name, unit) in enumerate((("b_g", "rad/s"), ("b_a", "m/s²"))):
+        for row, axis in enumerate(_AXES):
+            n = 2 * row + column + 1
+            place = {"xaxis": f"x{n}", "yaxis": f"y{n}"}
+            for record in records:
+                traces += _band(record, name, row, place, arms, shown=n == 1)
+            t_s = _listed(records[0].series["t_s"].to_numpy())
+            true = _listed(records[0].column(f"true_{name}")[:, row])
+            line = {"color": TRUTH_COLOUR, "width": 2, "dash": "dash"}
+            traces.append(_line("truth", t_s, true, line, n == 1) | place)
+            low_high = bias_range(records, name, row)
+            layout[f"yaxis{n}"] = {"title": {"text": f"{name} {axis} [{unit}]"}, "range": low_high}
+            layout[f"xaxis{n}"] = {"title": {"text": "t [s]"} if row == 2 else {}}
+    return {"data": traces, "layout": layout}
+
+
+def health(records: list[Record]) -> Figure:
+    """What each arm said of itself over time."""
+    names = [h.value for h in Health]
+    codes = [[names.index(h) for h in r.series["health"]] for r in records]
+    steps: list[list[Any]] = []
+    for k, state in enumerate(Health):
+        steps += [[k / len(names), HEALTH_COLOURS[state]], [(k + 1) / len(names), HEALTH_COLOURS[state]]]
+    bar = {"tickvals": [0.375 + 0.75 * k for k in range(len(names))], "ticktext": names, "thickness": 12}
+    trace = {
+        "type": "heatmap",
+        "z": codes,
+        "x": _listed(records[0].series["t_s"].to_numpy()),
+        "y": [str(r.config["arm"]) for r in records],
+        "zmin": 0,
+        "zmax": len(names) - 1,
+        "ygap": 4,
+        "colorscale": steps,
+        "colorbar": bar,
+        "hovertemplate": "%{y}, %{x:.1f} s<extra></extra>",
+    }
+    return {
+        "data": [trace],
+        "layout": {"xaxis": {"title": {"text": "t [s]"}}, "yaxis": {"autorange": "reversed"}},
+    }
+
+
+def aligned_positions(record: Record) -> Floats | None:
+    """(M, 3) estimated positions in the world of the truth, NaN where there are none; None without any."""
+    p_VB, p_WB = record.column("p_WB"), record.column("true_p_WB")
+    good = np.isfinite(np.hstack([p_VB, p_WB])).all(axis=1)
+    if not good.any():
+        return None
+    alignment: Alignment = align(p_VB[good], p_WB[good])
+    return p_VB @ alignment.R_WV.T + alignment.p_WV
+
+
+def bias_range(records: list[Record], name: str, axis: int) -> list[float]:
+    """What a figure of a bias shows: the truth and all bands once they have settled."""
+    lows, highs = [], []
+    for record in records:
+        late = record.series["t_s"].to_numpy() > _SETTLED * record.series["t_s"].max()
+        true = record.column(f"true_{name}")[:, axis]
+        estimate = record.column(name)[late, axis]
+        reach = 3.0 * record.column(f"sigma_d{name}")[late, axis]
+        both = np.concatenate([true, estimate - reach, estimate + reach])
+        lows.append(np.nanmin(both))
+        highs.append(np.nanmax(both))
+    pad = 0.1 * (max(highs) - min(lows))
+    return [float(min(lows) - pad), float(max(highs) + pad)]
+
+
+def _band(record: Record, name: str, axis: int, place: Figure, arms: list[str], shown: bool) -> list[Figure]:
+    arm = str(record.config["arm"])
+    value, sigma = record.column(name)[:, axis], record.column(f"sigma_d{name}")[:, axis]
+    known = np.isfinite(value) & np.isfinite(sigma)
+    t = record.series["t_s"].to_numpy()[known]
+    value, reach = value[known], 3.0 * sigma[known]
+    outline_t, outline = np.concatenate([t, t[::-1]]), np.concatenate([value + reach, (value - reach)[::-1]])
+    fill = {"fill": "toself", "fillcolor": _faint(colour(arm, arms)), "hoverinfo": "skip"}
+    band = _line(arm, _listed(outline_t), _listed(outline), {"width": 0}, False) | fill | place
+    return [
+        band,
+        _line(arm, _listed(t), _listed(value), {"color": colour(arm, arms), "width": 1.5}, shown) | place,
+    ]
+
+
+def _medians(arm: str, at: list[tuple[float, Floats]], look: Figure) -> Figure:
+    median = np.array([np.median(v) for _, v in at])
+    bounds = [median_interval(v) or (m, m) for (_, v), m in zip(at, median, strict=True)]
+    up = np.array([high for _, high in bounds]) - median
+    down = median - np.array([low for low, _ in bounds])
+    bars = {"type": "data", "symmetric": False, "array": _listed(up), "arrayminus": _listed(down)}
+    trace = _points(arm, np.array([c for c, _ in at]), median, look | {"size": 11}, True)
+    return trace | {"error_y": bars | {"color": look["color"], "thickness": 2.5}}
+
+
+def _points(arm: str, x: Floats, y: Floats, marker: Figure, shown: bool) -> Figure:
+    basics = {"type": "scatter", "mode": "markers", "name": arm, "legendgroup": arm, "showlegend": shown}
+    return basics | {"x": _listed(x), "y": _listed(y), "marker": marker}
+
+
+def _line(arm: str, x: list[Any], y: list[Any], line: Figure, shown: bool) -> Figure:
+    basics = {"type": "scatter", "mode": "lines", "name": arm, "legendgroup": arm, "showlegend": shown}
+    return basics | {"x": x, "y": y, "line": line}
+
+
+def _path(name: str, p_WB: Floats, colour_of: str, width: int) -> Figure:
+    columns = {axis: _listed(p_WB[:, k]) for k, axis in enumerate(_AXES)}
+    return {
+        "type": "scatter3d",
+        "mode": "lines",
+        "name": name,
+        "line": {"color": colour_of, "width": width},
+    } | columns
+
+
+def _listed(values: Floats) -> list[float | None]:
+    """For JSON: five digits, and null for what is not known."""
+    return [float(f"{v:.5g}") if np.isfinite(v) else None for v in values]
+
+
+def _faint(hex_colour: str) -> str:
+    r, g, b = (int(hex_colour[k : k + 2], 16) for k in (1, 3, 5))
+    return f"rgba({r},{g},{b},0.15)"
