@@ -17,6 +17,7 @@ ARM_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
 """Okabe and Ito's, told apart by all kinds of colour vision; in the order in which arms come."""
 ARM_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "x", "cross")
 TRUTH_COLOUR = "#808080"
+GROUND_TRUTH = "ground truth"
 HEALTH_COLOURS = {
     Health.INITIALISING: "#999999",
     Health.TRACKING: "#56B4E9",
@@ -111,26 +112,36 @@ def ratios(pairs: list[Paired], arms: list[str]) -> Figure:
         "zeroline": False,
         "autorange": "reversed",
     }
-    x_axis = {"type": "log", "title": {"text": "ATE / ATE of the base (left of 1: better)"}, "dtick": "D1"}
+    x_axis = {"type": "log", "title": {"text": "ATE / ATE of the base (left of 1: better)"}, "dtick": "D2"}
     return {"data": traces, "layout": {"xaxis": x_axis, "yaxis": ticks, "shapes": [one]}}
 
 
 def paths(records: list[Record], arms: list[str]) -> Figure:
     """The true and the estimated paths in three dimensions, aligned."""
     truth = records[0].column("true_p_WB")
-    traces: list[Figure] = [_path("truth", truth, TRUTH_COLOUR, 6)]
+    traces: list[Figure] = [_path(GROUND_TRUTH, truth, TRUTH_COLOUR, 6)]
     for record in records:
         moved = aligned_positions(record)
         if moved is not None:
             traces.append(_path(str(record.config["arm"]), moved, colour(str(record.config["arm"]), arms), 3))
-    scene = {"aspectmode": "data", **{f"{a}axis": {"title": {"text": f"{a} [m]"}} for a in _AXES}}
+    scene: Figure = {"aspectmode": "data"}
+    for k, axis in enumerate(_AXES):  # a run that diverged leaves the picture
+        low, high = np.nanmin(truth[:, k]), np.nanmax(truth[:, k])
+        pad = 0.5 + 0.1 * (high - low)
+        scene[f"{axis}axis"] = {
+            "title": {"text": f"{axis} [m]"},
+            "range": _listed(np.array([low - pad, high + pad])),
+        }
     return {"data": traces, "layout": {"scene": scene, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}}}
 
 
 def biases(records: list[Record], arms: list[str]) -> Figure:
     """Bias estimates with their 3 sigma bands against the truth: gyroscope left, accelerometer right."""
     traces: list[Figure] = []
-    layout: Figure = {"grid": {"rows": 3, "columns": 2, "pattern": "independent"}}
+    layout: Figure = {
+        "grid": {"rows": 3, "columns": 2, "pattern": "independent", "ygap": 0.35},
+        "annotations": [],
+    }
     for column, (name, unit) in enumerate((("b_g", "rad/s"), ("b_a", "m/s²"))):
         for row, axis in enumerate(_AXES):
             n = 2 * row + column + 1
@@ -140,9 +151,11 @@ def biases(records: list[Record], arms: list[str]) -> Figure:
             t_s = _listed(records[0].series["t_s"].to_numpy())
             true = _listed(records[0].column(f"true_{name}")[:, row])
             line = {"color": TRUTH_COLOUR, "width": 2, "dash": "dash"}
-            traces.append(_line("truth", t_s, true, line, n == 1) | place)
+            traces.append(_line(GROUND_TRUTH, t_s, true, line, n == 1) | place)
             low_high = bias_range(records, name, row)
-            layout[f"yaxis{n}"] = {"title": {"text": f"{name} {axis} [{unit}]"}, "range": low_high}
+            layout[f"yaxis{n}"] = {"range": low_high, "nticks": 5}
+            corner = {"xref": f"x{n} domain", "yref": f"y{n} domain", "x": 0, "y": 1, "yanchor": "bottom"}
+            layout["annotations"].append({"text": f"{name} {axis} [{unit}]", "showarrow": False} | corner)
             layout[f"xaxis{n}"] = {"title": {"text": "t [s]"} if row == 2 else {}}
     return {"data": traces, "layout": layout}
 

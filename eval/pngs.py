@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from eval.figures import TRUTH_COLOUR, aligned_positions, bias_range, colour
+from eval.figures import GROUND_TRUTH, TRUTH_COLOUR, aligned_positions, bias_range, colour
 from eval.paired import Paired, frame, median_interval
 from eval.records import Record
 
@@ -74,7 +74,7 @@ def save_biases(records: list[Record], arms: list[str], path: Path) -> None:
                 axes.fill_between(t, value - reach, value + reach, color=colour(arm, arms), alpha=0.15, lw=0)
                 axes.plot(t, value, color=colour(arm, arms), lw=1.2, label=arm)
             true = records[0].column(f"true_{name}")[:, row]
-            axes.plot(records[0].series["t_s"], true, "--", color=TRUTH_COLOUR, label="truth")
+            axes.plot(records[0].series["t_s"], true, "--", color=TRUTH_COLOUR, label=GROUND_TRUTH)
             axes.set(ylabel=f"{name} {axis} [{unit}]", ylim=bias_range(records, name, row))
             axes.grid(alpha=0.3)
     grid[0, 0].legend(frameon=False, fontsize="small")
@@ -88,7 +88,7 @@ def save_paths(records: list[Record], arms: list[str], path: Path) -> None:
     figure = Figure(figsize=(6.4, 5.0), layout="constrained")
     axes = figure.subplots()
     truth = records[0].column("true_p_WB")
-    axes.plot(truth[:, 0], truth[:, 1], color=TRUTH_COLOUR, lw=3.0, alpha=0.6, label="truth")
+    axes.plot(truth[:, 0], truth[:, 1], color=TRUTH_COLOUR, lw=3.0, alpha=0.6, label=GROUND_TRUTH)
     for record in records:
         moved = aligned_positions(record)
         if moved is not None:
