@@ -111,7 +111,7 @@ def sequence(biases: bool = True, frames: int = 10) -> Sequence:
     known = (b, 10.0 * b) if biases else (None, None)
     truth = Trajectory(t_ns, q_WB, np.zeros((201, 3)), np.zeros((201, 3)), *known)
     image = ImageArray(np.zeros((HEIGHT, WIDTH), dtype=np.uint8))
-    mount = CameraMount(PinholeRadtan(WIDTH, HEIGHT, 50.0, 50.0, 31.5, 23.5), np.eye(4), dt_cam_imu=0.004)
+    mount = CameraMount(PinholeRadtan(WIDTH, HEIGHT, 50.0, 50.0, 31.5, 23.5), np.eye(4), dt_cam_imu=0.005)
     noise = ImuNoise(1.7e-4, 2e-5, 2e-3, 3e-3)
     made = tuple(Frame(t, {0: image}) for t in frame_stamps(frames))
     return Sequence("still", Calibration(noise, (mount,)), imu, made, truth, ("a note",))

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 
 from navcore.odometry import BLOCKS, Estimate, Health, RunRecorder, State, run
@@ -38,6 +40,14 @@ def test_a_run_has_an_estimate_for_every_frame():
     assert done == list(range(1, 11))
     assert sum(n for kind, n in echo.log if kind == "imu") == 201
     assert result.completeness == 1.0
+
+
+def test_a_frame_that_no_sample_follows_is_answered_at_the_end():
+    whole = sequence()
+    imu = whole.imu.between(0, whole.frames[-1].t_ns)
+    result = run(Echo(), replace(whole, imu=imu))
+    assert [e.health for e in result.estimates] == [Health.TRACKING] * 9 + [Health.LOST]
+    assert result.completeness == 0.9
 
 
 def test_the_recorder_keeps_diagonal_blocks_in_order():

@@ -26,7 +26,9 @@ def device_file(folder, **change):
 def rows_file(folder, stamps=(10 * S, 20 * S, 30 * S), sigma=0.1):
     path = folder / "priors.csv"
     lines = ["t_ns,b_g_x,b_g_y,b_g_z,b_a_x,b_a_y,b_a_z,s1,s2,s3,s4,s5,s6"]
-    lines += [f"{t},0.1,0.2,0.3,1,2,3," + ",".join([str(sigma * (k + 1))] * 6) for k, t in enumerate(stamps)]
+    lines += [
+        f"{t},0.1,0.2,0.3,1,2,3," + ",".join([str(sigma * (k + 1) ** 2)] * 6) for k, t in enumerate(stamps)
+    ]
     path.write_text("\n".join(lines))
     return path
 
@@ -106,9 +108,9 @@ def test_a_row_of_a_file_comes_when_its_window_is_over_and_only_once(tmp_path):
 def test_a_rows_variance_is_split(tmp_path):
     source = load_prior(f"file:{rows_file(tmp_path, sigma=0.1)}?constant_share=0.25")
     assert source.window_s == 5.0
-    np.testing.assert_allclose(source.constant_covariance, 0.25 * 0.2**2 * np.eye(6))  # the median row's
+    np.testing.assert_allclose(source.constant_covariance, 0.25 * 0.4**2 * np.eye(6))  # the median row's
     for k, row in enumerate(source.poll(2**62)):
-        np.testing.assert_allclose(row.covariance, 0.75 * (0.1 * (k + 1)) ** 2 * np.eye(6))
+        np.testing.assert_allclose(row.covariance, 0.75 * (0.1 * (k + 1) ** 2) ** 2 * np.eye(6))
         np.testing.assert_array_equal(row.vector, [0.1, 0.2, 0.3, 1.0, 2.0, 3.0])
 
 

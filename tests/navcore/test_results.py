@@ -13,7 +13,7 @@ from navcore.prior import load_prior
 from navcore.results import check_free, folder, read_run, summarise, write_run
 from tests.navcore.recordings import sequence
 
-OFFSET_NS = 4_000_000  # the camera's, in the recording
+OFFSET_NS = 5_000_000  # the camera's, in the recording
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,7 @@ def test_exp_then_log_gives_the_vector_back(phi):
 def test_left_jacobian_is_the_integral_of_the_exponential(phi):
     block = np.zeros((6, 6))  # expm([[K, I], [0, 0]]) holds the integral of exp(s K) over 0..1
     block[:3, :3], block[:3, 3:] = so3.hat(phi), np.eye(3)
-    np.testing.assert_allclose(so3.left_jacobian(phi), expm(block)[:3, 3:], atol=1e-9)
+    np.testing.assert_allclose(so3.left_jacobian(phi), expm(block)[:3, 3:], atol=1e-12)
 
 
 @given(VECTORS)

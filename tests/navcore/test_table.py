@@ -41,6 +41,12 @@ def test_headers_with_and_without_a_hash(tmp_path, header):
     assert count_columns(path, "t_ns, a, b") == 2
 
 
+def test_a_byte_order_mark_is_no_part_of_the_first_stamp(tmp_path):
+    path = tmp_path / "data.csv"
+    path.write_text("\n".join(GOOD), encoding="utf-8-sig")
+    assert read_table(path, 2, "t_ns, a, b")[0][0] == 1403636579758555392
+
+
 def test_line_ends_of_windows(tmp_path):
     path = tmp_path / "data.csv"
     path.write_bytes(("#t,a,b\r\n" + "\r\n".join(GOOD) + "\r\n").encode())
@@ -93,6 +99,9 @@ def test_a_missing_table(tmp_path):
 def test_nan_only_where_it_is_allowed(tmp_path):
     path = table(tmp_path, ["1,nan,2", "2,1,nan"])
     assert np.isnan(read_table(path, 2, "t_ns, a, b", nan_columns=(0, 1))[1]).sum() == 2
+    with pytest.raises(DataError, match=r"data\.csv:1: field 2 is 'inf'"):
+        read_table(table(tmp_path, ["1,inf,2"]), 2, "t_ns, a, b", nan_columns=(0, 1))
+    path = table(tmp_path, ["1,nan,2", "2,1,nan"])
     with pytest.raises(DataError, match=r"data\.csv:2: field 3"):
         read_table(path, 2, "t_ns, a, b", nan_columns=(0,))
 
