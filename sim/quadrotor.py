@@ -29,7 +29,7 @@ class QuadrotorFlight:
     yaw_rate: float = 0.35  # rad/s, sd between waypoints
     rest_s: float = 2.0  # standing on the floor before take-off
     moving_start: bool = False  # the recording begins in full flight
-    box: Box = field(default_factory=lambda: Box((-3.8, -2.8, 0.8), (3.8, 2.8, 3.0)))  # m in W
+    box: Box = field(default_factory=lambda: Box((-3.8, -2.8, 1.1), (3.8, 2.8, 3.0)))  # m in W
 
     def __post_init__(self) -> None:
         if not 0.0 < self.speed <= 4.0:

@@ -20,7 +20,7 @@ _PATTERN_NOISE = 1.5  # electrons, sd between pixels, the same in every frame
 _MAX_GAIN = 24.0
 _CURVE = np.rint(255.0 * (np.arange(4096) / 4095.0) ** (1.0 / RESPONSE_GAMMA)).astype(np.uint8)
 
-LIGHT = (1.0, 0.15, 0.045, 0.018, 0.008, 0.0035)
+LIGHT = (1.0, 0.05, 0.012, 0.005, 0.0025, 0.0012)
 """Light that reaches the sensor by severity of low_light, as a share of that of a clean image."""
 
 

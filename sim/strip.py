@@ -65,6 +65,7 @@ def _fastest(motion: Motion) -> int:
 def _labelled(image: Image, text: str) -> Image:
     small = cv2.resize(image, _SMALL, interpolation=cv2.INTER_AREA)
     text = "clean" if text.endswith(" 0") else text
-    for colour, width in ((0, 4), (255, 1)):
-        cv2.putText(small, text, (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, width, cv2.LINE_AA)
+    for colour, shift in ((0, 1), (255, 0)):
+        place = (6 + shift, 16 + shift)
+        cv2.putText(small, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)
     return np.asarray(small, dtype=np.uint8)

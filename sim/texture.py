@@ -10,20 +10,24 @@ import numpy as np
 from navcore.arrays import Floats, Image
 
 _SMALLEST_M, _LARGEST_M = 0.03, 1.2
-_LEAVES_PER_M2 = 110
+_LEAVES_PER_M2 = 90
 _SHADES = (15.0, 217.0)  # albedo in 1/255; OpenCV smooths outlines in 8 bits only
+_GROUND = (80.0, 150.0)  # the same, of a surface under its leaves
+_CONTRAST = 18.0  # 1/255, typical difference of a leaf from the ground; a few differ by much more
 
 
 def dead_leaves(width: int, height: int, texels_per_m: float, rng: np.random.Generator) -> Floats:
     """Albedo (height, width) in 0..1: squares, triangles, discs and stripes over each other."""
-    image = np.full((height, width), rng.uniform(*_SHADES), dtype=np.uint8)
+    ground = rng.uniform(*_GROUND)
+    image = np.full((height, width), ground, dtype=np.uint8)
     n = round(_LEAVES_PER_M2 * width * height / texels_per_m**2) + 20
     u = rng.random(n)
     a, b = _SMALLEST_M**-2.0, _LARGEST_M**-2.0
     sizes = (a - u * (a - b)) ** -0.5 * texels_per_m  # density ~ size^-3
     order = np.argsort(-sizes + rng.uniform(0.0, 0.3, n) * texels_per_m)  # small ones mostly on top
     centres = rng.uniform((0.0, 0.0), (width, height), (n, 2))
-    shades, angles, kinds = rng.uniform(*_SHADES, n), rng.uniform(0.0, np.pi, n), rng.integers(0, 4, n)
+    shades = np.clip(ground + _CONTRAST * rng.standard_t(3.0, n), *_SHADES)
+    angles, kinds = rng.uniform(0.0, np.pi, n), rng.integers(0, 4, n)
     for k in order:
         _draw(image, kinds[k], centres[k], sizes[k], angles[k], float(shades[k]))
     grain = cv2.resize(

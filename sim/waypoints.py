@@ -55,7 +55,7 @@ def random_path(
     rng: np.random.Generator,
     start_s: float = 0.0,
 ) -> Path:
-    """A path from rest at `start` through waypoints drawn in `box`, which it never leaves once it is inside.
+    """A path from rest at `start` through waypoints drawn in `box`, which it leaves downwards only, a little.
 
     Args:
         box: where waypoints lie.

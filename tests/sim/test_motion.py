@@ -1,0 +1,88 @@
+import mujoco
+import numpy as np
+import pytest
+from scipy.interpolate import make_interp_spline
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from navcore.imu import GRAVITY
+from sim.errors import ConfigError
+from sim.motion import EPOCH_NS, Motion
+from sim.quadrotor import MODEL
+
+_BODY = """<mujoco><option gravity="0 0 -9.81"/><worldbody><body><freejoint/>
+<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></worldbody></mujoco>"""
+
+
+def spline_motion(h: float, seconds: float) -> tuple[Motion, RotationSpline, object]:
+    """A motion sampled from splines, which know their own derivatives."""
+    rng = np.random.default_rng(5)
+    knots = np.arange(-2.0, seconds + 3.0)
+    position = make_interp_spline(knots, rng.uniform(-1.0, 1.0, (len(knots), 3)), k=5)
+    attitude = RotationSpline(
+        knots, Rotation.from_rotvec(np.cumsum(rng.normal(0.0, 0.4, (len(knots), 3)), axis=0))
+    )
+    t = np.arange(round(seconds / h) + 1) * h
+    return Motion.from_states(h, attitude(t).as_matrix(), position(t), position(t, 1)), attitude, position
+
+
+def test_specific_force_and_rate_agree_with_mujoco_inverse_dynamics() -> None:
+    h, seconds = 2.5e-4, 3.0
+    motion, attitude, position = spline_motion(h, seconds)
+    model = mujoco.MjModel.from_xml_string(_BODY)
+    data = mujoco.MjData(model)
+    for k in range(0, round(seconds / h), 301):
+        t = (k + 0.5) * h
+        data.qpos[:3], data.qpos[3:] = position(t), np.roll(attitude(t).as_quat(), 1)
+        data.qvel[:3], data.qacc[:3] = position(t, 1), position(t, 2)
+        R_WB = attitude(t).as_matrix()
+        data.qvel[3:], data.qacc[3:] = attitude(t, 1), attitude(t, 2)  # both in the body frame
+        mujoco.mj_inverse(model, data)
+        np.testing.assert_allclose(motion.specific_force_B[k], R_WB.T @ data.qfrc_inverse[:3], atol=1e-6)
+        np.testing.assert_allclose(motion.omega_B[k], data.qvel[3:], atol=1e-6)
+
+
+def test_specific_force_and_rate_agree_with_mujoco_sensors_of_the_quadrotor() -> None:
+    model = mujoco.MjModel.from_xml_path(str(MODEL))
+    data = mujoco.MjData(model)
+    data.qpos[2], data.qvel[:] = 5.0, (1.0, -0.5, 0.2, 0.5, -0.7, 0.3)
+    data.ctrl[:4], data.act[:] = (3.1, 2.9, 3.0, 2.95), 2.9
+    states, sensed = [], []
+    for _ in range(400):
+        states.append(np.concatenate([data.qpos, data.qvel]))
+        mujoco.mj_forward(model, data)
+        sensed.append(data.sensordata.copy())
+        mujoco.mj_step(model, data)
+    s, seen = np.array(states), np.array(sensed)
+    R_WB = Rotation.from_quat(np.roll(s[:, 3:7], -1, axis=1)).as_matrix()
+    motion = Motion.from_states(model.opt.timestep, R_WB, s[:, :3], s[:, 7:10])
+    between = 0.5 * (seen[1:] + seen[:-1])
+    np.testing.assert_allclose(motion.specific_force_B, between[:, :3], atol=2e-5)
+    np.testing.assert_allclose(motion.omega_B, between[:, 3:], atol=2e-5)
+
+
+def test_states_between_knots_are_those_of_the_constant_rate_and_force() -> None:
+    motion, _, _ = spline_motion(1e-3, 1.0)
+    k, parts = 400, 50
+    tau = np.arange(parts + 1) / parts * 1e-3
+    fine = motion.at(EPOCH_NS + np.rint((k * 1e-3 + tau) * 1e9).astype(np.int64))
+    assert fine.v_WB is not None
+    R_mid = Rotation.from_matrix(motion.R_WB[k]) * Rotation.from_rotvec(
+        np.outer(tau[:-1] + tau[1] / 2, motion.omega_B[k])
+    )
+    steps = (R_mid.apply(motion.specific_force_B[k].copy()) + np.array([0.0, 0.0, -GRAVITY])) * tau[1]
+    np.testing.assert_allclose(np.diff(fine.v_WB, axis=0), steps, atol=1e-9)
+    np.testing.assert_allclose(fine.R_WB[-1], motion.R_WB[k + 1], atol=1e-12)
+    np.testing.assert_allclose(fine.v_WB[-1], motion.v_WB[k + 1], atol=1e-12)
+    np.testing.assert_allclose(fine.p_WB[-1], motion.p_WB[k + 1], atol=1e-7)
+
+
+def test_a_time_outside_the_motion_is_refused(flight: Motion) -> None:
+    with pytest.raises(ConfigError, match="lasts 20"):
+        flight.at(np.array([EPOCH_NS + 20_100_000_000]))
+
+
+def test_a_motion_cut_at_its_start_goes_on_as_before(flight: Motion) -> None:
+    later = flight.after(5.0)
+    assert later.duration_s == pytest.approx(15.0)
+    np.testing.assert_array_equal(later.p_WB[0], flight.p_WB[5000])
+    np.testing.assert_array_equal(later.specific_force_B[-1], flight.specific_force_B[-1])
