@@ -1,5 +1,6 @@
 """The figures of a run that need no truth: how complete it is, when it started, what it cost, what it met."""
 
+import re
 import resource
 from collections import Counter
 from typing import Any
@@ -13,6 +14,8 @@ from navcore.sequence import Sequence
 DECODING = "decode"
 """Name of the stage that reads and decodes images; it is listed, but not part of the total."""
 
+_NUMBER = re.compile(r"\d+(\.\d+)?")
+
 
 def summarise(run: Run, sequence: Sequence) -> dict[str, Any]:
     """Figures of a run over a recording.
@@ -21,8 +24,8 @@ def summarise(run: Run, sequence: Sequence) -> dict[str, Any]:
         `frames`; `completeness`, the share of the recording's frames that have a pose; `start_s` from the
         first frame to the first pose, None without one; `cpu_ms_per_frame` with `mean`, `median` and the same
         by stage under `stages` (decoding is a stage, but not in the total); `peak_rss_mb` of this process;
-        `health`, frames by health; `reasons`, frames by reason; `skipped_frames`, by stamp and reason;
-        `notes` of the reader.
+        `health`, frames by health; `reasons`, frames by reason, numbers in it as N; `skipped_frames`, by stamp
+        and reason; `notes` of the reader.
     """
     frames = max(len(sequence.frames), len(run.estimates))
     reasons = [(e.t_ns, reason) for e in run.estimates for reason in dict.fromkeys(e.reasons)]
@@ -33,10 +36,15 @@ def summarise(run: Run, sequence: Sequence) -> dict[str, Any]:
         "cpu_ms_per_frame": _cost(run.estimates),
         "peak_rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
         "health": {h.value: sum(e.health is h for e in run.estimates) for h in Health},
-        "reasons": dict(Counter(reason.partition(":")[0] for _, reason in reasons).most_common()),
+        "reasons": dict(Counter(_kind(reason) for _, reason in reasons).most_common()),
         "skipped_frames": [f"{t_ns} ns: {reason}" for t_ns, reason in reasons if reason.startswith(SKIPPED)],
         "notes": list(sequence.notes),
     }
+
+
+def _kind(reason: str) -> str:
+    """A reason without what differs from frame to frame: its details, and its numbers."""
+    return _NUMBER.sub("N", reason.partition(":")[0])
 
 
 def _start(run: Run, sequence: Sequence) -> float | None:

@@ -44,7 +44,7 @@ def made():
     bad = estimate(
         3, health=Health.INERTIAL_ONLY, reasons=["few features: 3", skipped], stages={"decode": 0.020}
     )
-    lost = estimate(7, False, Health.LOST, ["speed"], {"track": 0.008, "update": 0.001})
+    lost = estimate(7, False, Health.LOST, ["12.5 m/s is too fast"], {"track": 0.008, "update": 0.001})
     recorder.add([*starting, rest[0], bad, *rest[1:], lost])
     return recorder.result()
 
@@ -114,7 +114,7 @@ def test_the_summary_counts_against_the_recordings_frames():
     assert summary["completeness"] == 0.5
     assert summary["start_s"] == pytest.approx(0.1)
     assert summary["health"] == {"INITIALISING": 2, "TRACKING": 4, "INERTIAL_ONLY": 1, "LOST": 1}
-    assert summary["reasons"] == {"no motion yet": 2, "few features": 1, "skipped": 1, "speed": 1}
+    assert summary["reasons"] == {"no motion yet": 2, "few features": 1, "skipped": 1, "N m/s is too fast": 1}
     (skipped,) = summary["skipped_frames"]
     assert str(sequence().frames[3].t_ns + OFFSET_NS) in skipped
     assert "cam0/3.png: corrupt image" in skipped
