@@ -24,7 +24,7 @@ def summarise(run: Run, sequence: Sequence) -> dict[str, Any]:
         `frames`; `completeness`, the share of the recording's frames that have a pose; `start_s` from the
         first frame to the first pose, None without one; `cpu_ms_per_frame` with `mean`, `median` and the same
         by stage under `stages` (decoding is a stage, but not in the total); `peak_rss_mb` of this process;
-        `health`, frames by health; `reasons`, frames by reason, numbers in it as N; `skipped_frames`, by stamp
+        `health`, frames by health; `reasons`, frames by reason, its numbers as N; `skipped_frames`, by stamp
         and reason; `notes` of the reader.
     """
     frames = max(len(sequence.frames), len(run.estimates))
