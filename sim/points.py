@@ -12,7 +12,8 @@ from sim.platforms import simulate_motion
 from sim.rig import euroc_like
 from sim.schedule import Schedule
 from sim.streams import Streams
-from sim.tracks import Seeing, View, follow
+from sim.tracks import Seeing, follow
+from sim.view import View
 
 LANDMARKS = 3000
 FIRST_FRAME_S = 0.1013  # the frames lie between IMU samples, as on rigs without a common trigger

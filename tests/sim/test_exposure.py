@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+
+from sim.camera import LINEAR_MAX, SceneCamera
+from sim.exposure import EXPOSURE_S, MAX_STEP_PX, Shutter
+from sim.imu import GRADES
+from sim.layout import Layout, furnished_room
+from sim.motion import EPOCH_NS, Motion
+from sim.rig import euroc_like
+from sim.scene import build
+
+MOUNT = euroc_like(GRADES["adis16448"].noise).cameras[0]
+FLYING_NS = EPOCH_NS + 9_000_000_000
+
+
+@pytest.fixture(scope="module")
+def layout() -> Layout:
+    return furnished_room(np.random.default_rng(1))
+
+
+@pytest.fixture(scope="module")
+def shutter(flight: Motion, layout: Layout) -> Shutter:
+    return Shutter(flight, MOUNT, layout)
+
+
+def test_sub_frames_are_close_enough_everywhere_in_the_image(shutter: Shutter, layout: Layout) -> None:
+    points, _ = layout.landmarks(3000, np.random.default_rng(2))
+    counts = []
+    for t_ns in range(FLYING_NS, FLYING_NS + 8_000_000_000, 1_000_000_000):
+        stamps = shutter.sub_stamps(t_ns, 0.045)
+        poses = shutter.poses(stamps)
+        p_CF = (points - poses[:, None, :3, 3]) @ poses[:, :3, :3]
+        ray = points - poses[0, :3, 3]
+        far = np.linalg.norm(ray, axis=1)
+        free = layout.distance(np.tile(poses[0, :3, 3], (len(far), 1)), ray / far[:, None]) > far - 0.01
+        seen = free & MOUNT.camera.visible(p_CF).all(axis=0)
+        steps = np.linalg.norm(np.diff(MOUNT.camera.project(p_CF[:, seen]), axis=0), axis=2)
+        assert np.percentile(steps, 99) <= MAX_STEP_PX
+        assert abs((stamps - t_ns).mean()) < 1.0
+        counts.append(len(stamps))
+    assert max(counts) > 5
+
+
+def test_a_body_at_rest_needs_one_sub_frame(shutter: Shutter) -> None:
+    assert len(shutter.sub_stamps(EPOCH_NS + 1_000_000_000, 0.045)) == 1
+
+
+@pytest.mark.usefixtures("opengl")
+def test_blur_takes_detail_away_and_keeps_the_light(shutter: Shutter, layout: Layout) -> None:
+    scene = build(layout, np.random.default_rng(1))
+    with SceneCamera(scene, MOUNT.camera) as camera:
+        images = [shutter.expose(camera, FLYING_NS, EXPOSURE_S[k]) / LINEAR_MAX for k in (0, 3, 5)]
+    detail = [np.abs(np.diff(im, axis=1)).mean() for im in images]
+    assert detail[0] > 1.1 * detail[1] > 1.2 * detail[2]
+    assert images[2].mean() == pytest.approx(images[0].mean(), rel=0.01)
