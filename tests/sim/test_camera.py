@@ -4,13 +4,14 @@ import pytest
 
 from navcore import so3
 from navcore.arrays import Floats, Image, Pixels, Vectors
-from navcore.camera import Camera, PinholeEquidistant
+from navcore.camera import Camera, PinholeEquidistant, PinholeRadtan
 from sim.camera import FINE, LINEAR_MAX, SceneCamera
 from sim.errors import RenderError
 from sim.imu import GRADES
-from sim.layout import Layout
+from sim.layout import Layout, furnished_room
+from sim.lighting import irradiance
 from sim.rig import euroc_like
-from sim.scene import Scene, room
+from sim.scene import Scene, build, room
 
 pytestmark = pytest.mark.usefixtures("opengl")
 
@@ -108,3 +109,25 @@ def test_a_camera_wider_than_a_pinhole_is_refused(furnished: Scene) -> None:
     wide = PinholeEquidistant(512, 512, 150.0, 150.0, 255.5, 255.5)
     with pytest.raises(RenderError, match="tangents up to"):
         SceneCamera(furnished, wide)
+
+
+def test_baked_light_lies_where_the_lamps_throw_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On grey surfaces, brightness in the image is irradiance at the point that the pixel sees."""
+    monkeypatch.setattr("sim.scene.dead_leaves", lambda w, h, *_: np.full((h, w), 0.3))
+    layout = furnished_room(np.random.default_rng(3))
+    camera = PinholeRadtan(160, 120, 80.0, 80.0, 79.5, 59.5)
+    views = [pose((-1.9, 0.3 + k, -0.3), (0.5, -0.4, 1.4)) for k in (0.0, 1.5)]
+    with SceneCamera(build(layout, np.random.default_rng(1)), camera) as eye:
+        images = [eye.linear_image(T_WC)[::4, ::4].ravel() for T_WC in views]
+    u, v = (x.ravel() for x in np.meshgrid(np.arange(0.0, 160.0, 4.0), np.arange(0.0, 120.0, 4.0)))
+    for T_WC, image in zip(views, images, strict=True):
+        rays = camera.unproject(np.stack([u, v], axis=1)) @ T_WC[:3, :3].T
+        start = np.tile(T_WC[:3, 3], (len(rays), 1))
+        points = start + (layout.distance(start, rays)[:, None] - 1e-4) * rays
+        on_wall = np.argmin(np.abs(np.abs(points - [0.0, 0.0, 2.0]) - [5.0, 4.0, 2.0]), axis=1)
+        gap = np.min(np.abs(np.abs(points - [0.0, 0.0, 2.0]) - [5.0, 4.0, 2.0]), axis=1)
+        normals = -np.sign(points - [0.0, 0.0, 2.0]) * np.eye(3)[on_wall]
+        expected = irradiance(layout, points, normals)
+        bare = (gap < 1e-3) & (image < LINEAR_MAX)
+        assert bare.mean() > 0.3
+        assert np.corrcoef(expected[bare], image[bare])[0, 1] > 0.97

@@ -95,10 +95,11 @@ def test_low_light_leaves_fewer_and_shorter_tracks(flight: Motion) -> None:
 
 
 def test_another_noise_seed_keeps_path_and_world() -> None:
-    one, other, again = (simulate_points(seconds=3.0, seed=5, noise_seed=n) for n in (None, 1, 1))
+    one, other, again, third = (simulate_points(seconds=3.0, seed=5, noise_seed=n) for n in (None, 1, 1, 2))
     assert one.truth is not None and other.truth is not None
     np.testing.assert_array_equal(one.truth.p_WB, other.truth.p_WB)
     assert np.abs(one.imu.gyro - other.imu.gyro).max() > 1e-3
+    assert np.abs(third.imu.gyro - other.imu.gyro).max() > 1e-3
     np.testing.assert_array_equal(other.imu.accel, again.imu.accel)
     np.testing.assert_array_equal(other.frames[-1].tracks[0].uv, again.frames[-1].tracks[0].uv)
 
