@@ -18,6 +18,7 @@ class VisionConfig:
     pixel_noise: float = 1.0  # px, standard deviation of a feature's position in one image
     clones: int = 11  # poses in the window
     min_views: int = 4  # views that a feature needs to be used
+    min_parallax: float = 3.0  # standard deviations by which an inverse range must exceed zero to be believed
     max_features: int = 40  # used at one frame
     max_depth: float = 100.0  # m
     min_depth: float = 0.1  # m
@@ -31,7 +32,7 @@ class StartConfig:
 
     mode: StartMode = "auto"
     static_s: float = 0.8  # s, quiet stretch that a static start needs
-    static_disparity: float = 2.0  # px, median motion of features over that stretch
+    static_disparity: float = 1.0  # px, motion of the image over that stretch
     moving_s: float = 1.5  # s, window of a moving start
     keyframe_s: float = 0.1  # s, spacing of its poses
     gyro_bias_sigma: float = 0.1  # rad/s, without a device prior
@@ -48,7 +49,7 @@ class StandstillConfig:
     window_s: float = 0.4  # s of IMU that have to be quiet
     gyro_std: float = 0.02  # rad/s, standard deviation below which the rate is steady
     accel_std: float = 0.15  # m/s^2, likewise
-    max_disparity: float = 0.4  # px, median motion of features since standstill began
+    max_disparity: float = 0.4  # px, motion of the image since standstill began
     position_sigma: float = 5e-4  # m, how well the pose is known to be the same
     rotation_sigma: float = 2e-4  # rad
     velocity_sigma: float = 5e-3  # m/s

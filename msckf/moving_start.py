@@ -278,7 +278,7 @@ def _linearise(
         J[:, 15 * k : 15 * (k + 1)] = -W @ Phi
         add(J, -W @ r)
 
-    points = triangulate(views, path.R, path.p, vision.min_depth, vision.max_depth)
+    points = triangulate(views, path.R, path.p, vision)
     if points.valid.sum() < 8:
         return None
     seen = views.rows(points.valid)

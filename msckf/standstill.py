@@ -6,6 +6,7 @@ from msckf.config import StandstillConfig
 from msckf.imu_buffer import ImuBuffer
 from msckf.state import POSITION, THETA, VELOCITY, FilterState
 from navcore import so3
+from navcore.arrays import Pixels
 
 
 def imu_is_quiet(buffer: ImuBuffer, t_ns: int, config: StandstillConfig, window_s: float) -> bool:
@@ -14,6 +15,26 @@ def imu_is_quiet(buffer: ImuBuffer, t_ns: int, config: StandstillConfig, window_
     if len(gyro) < 10:
         return False
     return bool(gyro.std(axis=0).max() < config.gyro_std and accel.std(axis=0).max() < config.accel_std)
+
+
+def image_motion(before: Pixels, now: Pixels) -> float | None:
+    """How far the image moved [px, rms], from features (N, 2) in two pictures; None if they are too few to tell.
+
+    The motion is the affine field that fits the features, so that their noise averages out; features that do not
+    fit (on things that move) are left out of it.
+    """
+    n = len(before)
+    if n < 12:
+        return None
+    basis = np.column_stack([np.ones(n), (before - before.mean(axis=0)) / 100.0])
+    flow = now - before
+    inlier = np.linalg.norm(flow - np.median(flow, axis=0), axis=1)
+    keep = inlier <= 3.0 * np.median(inlier) + 1e-9
+    for _ in range(2):
+        field = basis @ np.linalg.lstsq(basis[keep], flow[keep], rcond=None)[0]
+        misfit = np.linalg.norm(flow - field, axis=1)
+        keep = misfit <= 3.0 * np.median(misfit) + 1e-9
+    return float(np.sqrt(np.mean(np.sum(field[keep] ** 2, axis=1))))
 
 
 def standstill_update(state: FilterState, config: StandstillConfig) -> None:

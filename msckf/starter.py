@@ -10,7 +10,7 @@ from msckf.frontend import Observations
 from msckf.imu_buffer import ImuBuffer
 from msckf.moving_start import Window, moving_start
 from msckf.prior_update import StartingBias
-from msckf.standstill import imu_is_quiet
+from msckf.standstill import image_motion, imu_is_quiet
 from msckf.static_start import static_start
 from msckf.views import Rig, Views
 from navcore.calibration import Calibration
@@ -66,10 +66,10 @@ class Starter:
             return Start(None, "not standing still")
         k = int(np.searchsorted(self._t_ns, begin_ns - 1_000_000))
         both = self._table.seen[:, k] & self._table.seen[:, -1]
-        if both.sum() < 10:
+        moved = image_motion(self._table.uv[both, k], self._table.uv[both, -1])
+        if moved is None:
             return Start(None, "too few features are followed")
-        moved = np.linalg.norm(self._table.uv[both, k] - self._table.uv[both, -1], axis=1)
-        if np.median(moved) > c.start.static_disparity:
+        if moved > c.start.static_disparity:
             return Start(None, "not standing still")
         return Start(static_start(gyro, accel, self._noise, bias.device), "")
 

@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msckf.config import VisionConfig
 from msckf.views import Views
 from navcore.arrays import Floats, Mask, Rotations, Vectors
 
 _STEPS = 4
-_MIN_PARALLAX = 1e-3  # rad, below it a depth means nothing
+_FAR = 1e-3  # 1/m, inverse range given to features without parallax
 
 
 @dataclass(frozen=True)
@@ -19,17 +20,24 @@ class Triangulated:
         p_WF: (F, 3) m.
         valid: (F,) whether the position can be used.
         rms: (F,) px, reprojection error.
+        near: (F,) whether parallax shows the distance; the others are placed far out along their ray, where they
+            speak of rotation only.
     """
 
     p_WF: Vectors
     valid: Mask
     rms: Floats
+    near: Mask
 
 
 def triangulate(
-    views: Views, R_WB: Rotations, p_WB: Vectors, min_depth: float, max_depth: float
+    views: Views, R_WB: Rotations, p_WB: Vectors, config: VisionConfig
 ) -> Triangulated:
     """Triangulate from body poses R_WB (K, 3, 3), p_WB (K, 3).
+
+    A feature without parallax would get a distance made of noise, and pretend to know the translation by it. It is put
+    at `_FAR` instead: there it hardly depends on the translation, and what its true distance adds to the residual lies in the
+    direction that the projection onto the left null space takes out.
 
     The guess minimises the distances to the rays; the refinement is Levenberg-Marquardt on pixel errors in inverse
     depth from the last view that saw the feature (Montiel et al. 2006, "Unified inverse depth parametrization", eq. 3), which
@@ -37,7 +45,7 @@ def triangulate(
     """
     F = len(views.uv)
     if F == 0:
-        return Triangulated(np.zeros((0, 3)), np.zeros(0, dtype=bool), np.zeros(0))
+        return Triangulated(np.zeros((0, 3)), np.zeros(0, dtype=bool), np.zeros(0), np.zeros(0, dtype=bool))
     R_WC, p_WC = views.camera_poses(R_WB, p_WB)
     weight = views.seen.astype(np.float64)
     rays_C = views.rig.unproject(views.cameras, views.uv)
@@ -53,25 +61,26 @@ def triangulate(
     frame = _ray_frames(ray_A)  # columns: two directions across the ray, the ray
     p_AF = (np.swapaxes(R_WA, -1, -2) @ (p_WF - p_WA)[..., None])[..., 0]
     along = np.einsum("fi,fi->f", ray_A, p_AF)
-    range_guess = np.where(along > min_depth, along, 5.0)  # behind: start at a middling range
+    range_guess = np.where(along > config.min_depth, along, 5.0)  # behind: start at a middling range
     across = np.einsum("fij,fi->fj", frame, p_AF)[:, :2] / range_guess[:, None]
-    across = np.where((along > min_depth)[:, None], np.clip(across, -0.2, 0.2), 0.0)
+    across = np.where((along > config.min_depth)[:, None], np.clip(across, -0.2, 0.2), 0.0)
     x = np.concatenate([across, 1.0 / range_guess[:, None]], axis=1)
-    x, cost = _refine(views, weight, R_CA @ frame[:, None], p_CA, x)
+    x, cost, spread = _refine(views, weight, R_CA @ frame[:, None], p_CA, x)
 
-    rho = np.where(np.abs(x[:, 2]) < 1e-9, 1e-9, x[:, 2])
+    parallax = np.abs(x[:, 2]) / np.sqrt(spread)
+    near = parallax > config.min_parallax * config.pixel_noise
+    rho = np.where(near, np.maximum(x[:, 2], 1e-9), _FAR)
     direction = (frame @ np.concatenate([x[:, :2], np.ones((F, 1))], axis=1)[..., None])[..., 0]
     p_WF = p_WA + (R_WA @ (direction / rho[:, None])[..., None])[..., 0]
     to_feature = p_WF[:, None] - p_WC
     distance = np.linalg.norm(to_feature, axis=-1)
     cosine = np.einsum("fki,fki->fk", to_feature, rays_W) / np.maximum(distance, 1e-9)
-    in_front = ((cosine > 0.9) & (distance > min_depth) | ~views.seen).all(axis=1)
+    in_front = ((cosine > 0.9) & (distance > config.min_depth) | ~views.seen).all(axis=1)
     nearest = np.where(views.seen, distance, np.inf).min(axis=1)
     count = weight.sum(axis=1)
     rms = np.sqrt(cost / np.maximum(count, 1.0))
-    valid = in_front & (rho > 0.0) & (nearest < max_depth) & np.isfinite(rms) & (count >= 2)
-    valid &= _parallax(to_feature / np.maximum(distance, 1e-9)[..., None], views.seen) > _MIN_PARALLAX
-    return Triangulated(np.where(valid[:, None], p_WF, 0.0), valid, np.where(valid, rms, np.inf))
+    valid = in_front & (~near | (nearest < config.max_depth)) & np.isfinite(rms) & (count >= 2)
+    return Triangulated(np.where(valid[:, None], p_WF, 0.0), valid, np.where(valid, rms, np.inf), near & valid)
 
 
 def _nearest_to_rays(rays: Vectors, p_WC: Vectors, weight: Floats) -> Vectors:
@@ -92,8 +101,13 @@ def _ray_frames(rays: Vectors) -> Rotations:
     return np.stack([first, np.cross(rays, first), rays], axis=-1)
 
 
-def _refine(views: Views, weight: Floats, R_CA: Rotations, p_CA: Vectors, x: Floats) -> tuple[Floats, Floats]:
-    """Levenberg-Marquardt over x = (across, across, inverse range); each feature has its own damping."""
+def _refine(
+    views: Views, weight: Floats, R_CA: Rotations, p_CA: Vectors, x: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Levenberg-Marquardt over x = (across, across, inverse range); each feature has its own damping.
+
+    Returns x, the squared error [px^2], and the variance of the inverse range at one pixel of noise.
+    """
     damping = np.full(len(x), 1e-4)
     r, J = _residuals(views, weight, R_CA, p_CA, x)
     cost = np.einsum("fki,fki->f", r, r)
@@ -115,7 +129,8 @@ def _refine(views: Views, weight: Floats, R_CA: Rotations, p_CA: Vectors, x: Flo
         damping = np.where(better, damping * 0.1, damping * 10.0)
         if gain < 1e-3 and better.all():
             break
-    return x, cost
+    A = np.einsum("fkia,fkib->fab", J, J) + 1e-12 * np.eye(3)
+    return x, cost, np.linalg.inv(A)[:, 2, 2]
 
 
 def _residuals(
@@ -129,10 +144,3 @@ def _residuals(
     by_x = np.concatenate([R_CA[..., :2], p_CA[..., None]], axis=-1)
     return (views.uv - uv) * weight[..., None], (J @ by_x) * weight[..., None, None]
 
-
-def _parallax(directions: Vectors, seen: Mask) -> Floats:
-    """Largest angle (F,) between any view's direction and that of the first view [rad]."""
-    first = np.argmax(seen, axis=1)
-    reference = directions[np.arange(len(directions)), first]
-    sine = np.linalg.norm(np.cross(directions, reference[:, None]), axis=-1)
-    return np.asarray(np.where(seen, sine, 0.0).max(axis=1))

@@ -142,7 +142,7 @@ def measure(
     """
     if len(views.uv) == 0:
         return None
-    points: Triangulated = triangulate(views, R_WB, p_WB, config.min_depth, config.max_depth)
+    points: Triangulated = triangulate(views, R_WB, p_WB, config)
     sane = points.valid & (points.rms < 10.0 * config.pixel_noise)
     if not sane.any():
         return None

@@ -7,6 +7,7 @@ import numpy as np
 from msckf.config import VisionConfig
 from msckf.features import FeatureTable
 from msckf.frontend import Observations
+from msckf.standstill import image_motion
 from msckf.state import CLONE_SIZE, FilterState
 from msckf.views import Rig, Views
 from msckf.visual import measure
@@ -37,17 +38,14 @@ class VisualWindow:
         self.table = FeatureTable()
 
     def disparity(self, observations: Observations) -> float | None:
-        """Median motion [px] of features since the newest clone, or None if too few are common."""
+        """Motion of the image [px] since the newest clone, or None if too few features are common."""
         if len(self.table) == 0 or self.table.seen.shape[1] == 0:
             return None
         seen = self.table.seen[:, -1]
         _, rows, columns = np.intersect1d(
             self.table.keys[seen], observations.keys, assume_unique=True, return_indices=True
         )
-        if len(rows) < 10:
-            return None
-        moved = self.table.uv[seen, -1][rows] - observations.uv[columns]
-        return float(np.median(np.linalg.norm(moved, axis=1)))
+        return image_motion(self.table.uv[seen, -1][rows], observations.uv[columns])
 
     def hold(self, observations: Observations) -> None:
         """The body has not moved since the newest clone: only note which features are still followed."""
