@@ -83,7 +83,15 @@ def test_poses_outside_truth_or_in_its_gaps_do_not_count(pair):
     found = score(wild, truth[known])
     assert found["poses"] == np.count_nonzero(known)
     assert found["ate_m"] < 0.5
-    assert found["rpe_m"] < 0.05  # no pair spans the gap
+
+
+def test_no_step_from_frame_to_frame_spans_a_gap_of_the_truth(pair):
+    truth, _ = pair
+    known = (truth.seconds < 20.0) | (truth.seconds > 30.0)
+    jump = np.outer(truth.seconds > 25.0, [3.0, 0.0, 0.0])  # where nobody knows
+    estimate = Trajectory(truth.t_ns, truth.q_WB, truth.p_WB + jump)
+    assert score(estimate, truth[known])["rpe_m"] == pytest.approx(0.0, abs=1e-9)
+    assert score(estimate, truth)["rpe_m"] > 0.05
 
 
 def test_truth_is_interpolated_at_the_stamps_of_the_estimate(pair):
