@@ -36,9 +36,7 @@ def test_yaw_alignment_is_the_brute_force_minimum(seed, noise):
     found = align(p_VB, truth.p_WB)
     assert cost(found.R_WV, p_VB, truth.p_WB) <= best.fun * (1.0 + 1e-9)
     np.testing.assert_allclose(found.R_WV[2], [0.0, 0.0, 1.0], atol=1e-12)
-    np.testing.assert_allclose(
-        (p_VB @ found.R_WV.T + found.p_WV).mean(axis=0), truth.p_WB.mean(axis=0), atol=1e-9
-    )
+    np.testing.assert_allclose((p_VB @ found.R_WV.T + found.p_WV).mean(axis=0), truth.p_WB.mean(axis=0), atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(5))

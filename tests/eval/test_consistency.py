@@ -86,9 +86,7 @@ def test_errors_are_truth_less_estimate_in_the_world_of_the_estimate(truth):
     shift[5:] = [0.5, 0.0, 0.0]
     R_VW = Rotation.from_euler("z", 0.5 * np.pi).as_matrix()
     q = so3.to_quaternion(R_VW @ path.R_WB)
-    estimate = Trajectory(
-        path.t_ns, q, path.p_WB @ R_VW.T + shift, path.v_WB @ R_VW.T, path.b_g - 1e-3, path.b_a
-    )
+    estimate = Trajectory(path.t_ns, q, path.p_WB @ R_VW.T + shift, path.v_WB @ R_VW.T, path.b_g - 1e-3, path.b_a)
     errors = errors_in_start_gauge(estimate, truth)
     np.testing.assert_allclose(errors[5:, 1], np.tile([-0.5, 0.0, 0.0], (len(path) - 5, 1)), atol=1e-9)
     np.testing.assert_allclose(errors[:, 3], 1e-3, atol=1e-12)

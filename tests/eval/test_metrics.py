@@ -114,6 +114,15 @@ def test_segments_have_the_length_asked_for(pair, length):
     assert (travelled[last - 1] - travelled[first] < length).all()
 
 
+def test_a_leap_makes_no_segment(pair):
+    truth, _ = pair
+    steps = np.zeros((10, 3))
+    steps[5:, 0] = 10.0
+    standing = Trajectory(truth.t_ns[:10], truth.q_WB[:10], steps)  # ten metres in one step
+    assert len(segments(standing, 8.0)[0]) == 0
+    assert len(segments(standing, 9.0)[0]) == 5
+
+
 def test_segment_errors_are_those_of_matrices(pair):
     truth, estimate = pair
     first, last = segments(truth, 16.0)

@@ -36,10 +36,7 @@ def test_half_the_error_is_half_the_ratio_and_the_interval_says_so(family):
 
 def test_an_arm_against_its_equal_shows_no_difference(family):
     runs = [r for r in family if r.config["arm"] == "none"]
-    twins = [
-        Record(r.key + "x", r.title, r.config | {"arm": "twin"}, {}, r.scores, r.failure, r.series)
-        for r in runs
-    ]
+    twins = [Record(r.key + "x", r.title, r.config | {"arm": "twin"}, {}, r.scores, r.failure, r.series) for r in runs]
     (found,) = paired(runs + twins, "none")
     assert found.median == 1.0 and found.low == 1.0 and found.high == 1.0 and found.p_value is None
 

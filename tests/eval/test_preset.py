@@ -29,9 +29,7 @@ def test_arms_of_a_seed_see_the_same_recording_but_for_the_reseeded_one(planned)
     _, study = planned
     for condition in POINTS:
         found = {
-            c.arm: c.source
-            for c in study.cells
-            if (c.seed, c.condition, c.scene) == (2, condition.name, "points")
+            c.arm: c.source for c in study.cells if (c.seed, c.condition, c.scene) == (2, condition.name, "points")
         }
         assert found["none"] == found["truth"] == found["constant"]
         assert found["none, reseeded"] != found["none"]

@@ -77,9 +77,7 @@ def test_pictures_lie_beside_the_page(folder, page):
 def test_the_headline_says_how_sure_it_is(folder):
     records = load(folder).records
     (line,) = headlines(paired(records, "none"))
-    assert re.fullmatch(
-        r"fake, clean: ATE of “better” is -\d\d% against “none” \(95 % interval .* 6 seeds\)\.", line
-    )
+    assert re.fullmatch(r"fake, clean: ATE of “better” is -\d\d% against “none” \(95 % interval .* 6 seeds\)\.", line)
     (line,) = headlines(paired([r for r in records if r.config["seed"] < 4], "none"))
     assert "too few seeds for an interval (3)" in line
     assert headlines(paired([r for r in records if r.config["seed"] < 2], "none")) == []
