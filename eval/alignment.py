@@ -52,9 +52,7 @@ def align(p_VB: Vectors, p_WB: Vectors, mode: Mode = "yaw") -> Alignment:
     (1991), eq. (40) and (41) without scale; for yaw the same with the rotation held to the vertical.
     """
     if p_VB.shape != p_WB.shape or p_VB.ndim != 2 or p_VB.shape[1] != 3 or len(p_VB) == 0:
-        raise ScoreError(
-            f"positions to align have shapes {p_VB.shape} and {p_WB.shape}, expected twice (N, 3), N > 0"
-        )
+        raise ScoreError(f"positions to align have shapes {p_VB.shape} and {p_WB.shape}, expected twice (N, 3), N > 0")
     if mode not in get_args(Mode):
         raise ScoreError(f"alignment {mode!r} is unknown; known are {', '.join(get_args(Mode))}")
     if mode == "none":

@@ -76,9 +76,7 @@ class Consistency:
         ]
 
     def __str__(self) -> str:
-        head = f"{self.runs} runs, {len(self.t_s)} checkpoints: " + (
-            "consistent" if self.passed else "NOT consistent"
-        )
+        head = f"{self.runs} runs, {len(self.t_s)} checkpoints: " + ("consistent" if self.passed else "NOT consistent")
         rows = [
             f"  {r['block']:<8} mean {r['mean']:.3f}  checkpoints {r['lowest']:.3f} .. {r['highest']:.3f}"
             f"  allowed {r['low']:.3f} .. {r['high']:.3f}"
@@ -108,9 +106,7 @@ def errors_in_start_gauge(estimate: Trajectory, truth: Trajectory) -> Floats:
             raise ScoreError(f"consistency needs {', '.join(columns)}; the {name} lacks {', '.join(missing)}")
     covered = truth.covers(estimate.t_ns)
     if len(estimate) == 0 or not covered.all():
-        outside = (
-            "has no pose" if len(estimate) == 0 else f"at {estimate.t_ns[np.argmin(covered)]} ns is outside"
-        )
+        outside = "has no pose" if len(estimate) == 0 else f"at {estimate.t_ns[np.argmin(covered)]} ns is outside"
         raise ScoreError(f"consistency needs truth at every pose; the estimate {outside}")
     true = truth.at(estimate.t_ns)
     R_hat, R_true = estimate.R_WB, true.R_WB
@@ -174,9 +170,7 @@ def judge(runs: ListLike[Nees], checkpoints: int = 10) -> Consistency:
         raise ScoreError("consistency needs at least one run, got none")
     start, end = max(r.t_s[0] for r in runs), min(r.t_s[-1] for r in runs)
     if end <= start:
-        raise ScoreError(
-            f"the runs have no common time: the last begins at {start:.2f} s, one ends at {end:.2f} s"
-        )
+        raise ScoreError(f"the runs have no common time: the last begins at {start:.2f} s, one ends at {end:.2f} s")
     t_s = np.linspace(start, end, checkpoints)
     at = np.array([r.values[np.abs(r.t_s[:, None] - t_s).argmin(axis=0)] for r in runs])  # (N, T, 5)
     mean = np.mean([r.values.mean(axis=0) for r in runs], axis=0) / _DOF
@@ -184,9 +178,7 @@ def judge(runs: ListLike[Nees], checkpoints: int = 10) -> Consistency:
     return _judged(BLOCKS, len(runs), mean, t_s, at.sum(axis=0), dof)
 
 
-def judge_nis(
-    t_s: ListLike[Floats], nis: ListLike[Floats], dof: ListLike[Floats], bins: int = 10
-) -> Consistency:
+def judge_nis(t_s: ListLike[Floats], nis: ListLike[Floats], dof: ListLike[Floats], bins: int = 10) -> Consistency:
     """Whether the innovations of runs fit their covariances.
 
     Innovations of a right filter are independent, so those of all runs in one bin of time add up to a
@@ -212,9 +204,7 @@ def judge_nis(
     return _judged(("nis",), len(nis), mean, middles, sums[held, None], sizes[held, None])
 
 
-def _judged(
-    names: tuple[str, ...], runs: int, mean: Floats, t_s: Floats, sums: Floats, dof: Floats
-) -> Consistency:
+def _judged(names: tuple[str, ...], runs: int, mean: Floats, t_s: Floats, sums: Floats, dof: Floats) -> Consistency:
     """Compare means with `MEAN_PER_DOF`, and (T, K) sums with their chi-square bounds."""
     per_dof = sums / dof
     low, high = chi_square_bounds(dof, sums.size)

@@ -56,8 +56,7 @@ def ate_by_condition(records: list[Record], scene: str, arms: list[str]) -> Figu
             seeds = [str(s) for g in groups for s in g.seed]
             marks = look | {"size": 5, "opacity": 0.45}
             traces.append(
-                _points(arm, x, y, marks, False)
-                | {"text": seeds, "hovertemplate": "seed %{text}: %{y:.4f} m"}
+                _points(arm, x, y, marks, False) | {"text": seeds, "hovertemplate": "seed %{text}: %{y:.4f} m"}
             )
         traces.append(_medians(arm, at, look))
     ticks = {"tickvals": list(range(len(conditions))), "ticktext": conditions, "zeroline": False}
@@ -83,9 +82,7 @@ def ratios(pairs: list[Paired], arms: list[str]) -> Figure:
         y = np.concatenate([np.full(len(p.seeds), row) for p, row in zip(mine, rows, strict=True)])
         seeds = [str(s) for p in mine for s in p.seeds]
         marks = look | {"size": 5, "opacity": 0.45}
-        traces.append(
-            _points(arm, x, y, marks, False) | {"text": seeds, "hovertemplate": "seed %{text}: × %{x:.3f}"}
-        )
+        traces.append(_points(arm, x, y, marks, False) | {"text": seeds, "hovertemplate": "seed %{text}: × %{x:.3f}"})
         median = np.array([p.median for p in mine])
         high = np.array([p.high if p.high is not None else p.median for p in mine])
         low = np.array([p.low if p.low is not None else p.median for p in mine])

@@ -56,9 +56,7 @@ def _with_biases(found: Trajectory, path: Path) -> Trajectory:
     except (ValueError, KeyError) as error:
         raise ScoreError(f"{path}: expected {expected}: {error}") from error
     if values.shape[1] != _COLUMNS or len(t_ns) != len(found) or np.any(t_ns != found.t_ns):
-        raise ScoreError(
-            f"{path}: {len(t_ns)} rows that do not match {len(found)} poses; expected {expected}"
-        )
+        raise ScoreError(f"{path}: {len(t_ns)} rows that do not match {len(found)} poses; expected {expected}")
     return Trajectory(found.t_ns, found.q_WB, found.p_WB, None, values[:, :3], values[:, 3:])
 
 

@@ -54,10 +54,7 @@ def frame(records: Iterable[Record]) -> pd.DataFrame:
     Raises:
         StudyError: two records are of the same cell.
     """
-    rows = [
-        {name: r.config[name] for name in _CELL} | {"key": r.key, "failure": r.failure} | r.scores
-        for r in records
-    ]
+    rows = [{name: r.config[name] for name in _CELL} | {"key": r.key, "failure": r.failure} | r.scores for r in records]
     table = pd.DataFrame(rows, columns=None if rows else [*_CELL, "key", "failure"])
     for name in ("ate_m", "ate_deg", "diverged", "completeness"):
         if name not in table:

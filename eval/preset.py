@@ -52,9 +52,7 @@ class SimPreset:
                 that the degradations do not fit.
         """
         if not 1 <= self.seeds < _FIRST_DEVICE_SEED or not 0 <= self.rendered_seed < _FIRST_DEVICE_SEED:
-            raise StudyError(
-                f"seeds {self.seeds}, {self.rendered_seed}; allowed is up to {_FIRST_DEVICE_SEED - 1}"
-            )
+            raise StudyError(f"seeds {self.seeds}, {self.rendered_seed}; allowed is up to {_FIRST_DEVICE_SEED - 1}")
         if self.seconds < 50.0:
             raise StudyError(f"recordings of {self.seconds} s; the degradations need at least 50 s")
         seeds = range(_FIRST_DEVICE_SEED, _FIRST_DEVICE_SEED + _DEVICE_RECORDINGS)

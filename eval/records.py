@@ -124,9 +124,7 @@ def _spread(columns: dict[str, Any], prefix: str, path: Trajectory, rows: Any, l
             _place(columns, prefix + name, value, axes, rows, length)
 
 
-def _place(
-    columns: dict[str, Any], name: str, value: Floats, axes: tuple[str, ...], rows: Any, length: int
-) -> None:
+def _place(columns: dict[str, Any], name: str, value: Floats, axes: tuple[str, ...], rows: Any, length: int) -> None:
     for k, axis in enumerate(axes):
         column = np.full(length, np.nan, dtype=np.float32)
         column[rows] = value[:, k]

@@ -123,6 +123,4 @@ def _save_pngs(
 
 def _environment() -> jinja2.Environment:
     loader = jinja2.FileSystemLoader(_TEMPLATE.parent)
-    return jinja2.Environment(
-        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
-    )
+    return jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)

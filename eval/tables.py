@@ -30,9 +30,7 @@ class Table:
         """The same for a terminal."""
         table = rich.table.Table(title=escape(self.title), title_justify="left")
         for k, name in enumerate(self.columns):
-            table.add_column(
-                escape(name), justify="left" if k < self.labels else "right", no_wrap=k < self.labels
-            )
+            table.add_column(escape(name), justify="left" if k < self.labels else "right", no_wrap=k < self.labels)
         for row in self.rows:
             table.add_row(*(escape(text) for text in row))
         return table

@@ -2,10 +2,10 @@
 
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -149,9 +149,7 @@ class Filter:
             self._begin_anew()
             return Estimate(t_ns, Health.LOST, reasons, None, len(observations), 0, stages)
         self._last_pose = (self.state.R_WB, self.state.p_WB)
-        return Estimate(
-            t_ns, verdict.health, reasons, self.state.snapshot(), len(observations), outcome.used, stages
-        )
+        return Estimate(t_ns, verdict.health, reasons, self.state.snapshot(), len(observations), outcome.used, stages)
 
     def _propagate(self, state: FilterState, t_ns: int) -> tuple[str, ...]:
         assert self._t_ns is not None
@@ -196,9 +194,7 @@ class Filter:
         self._window.advance(self.state, frame.t_ns, observations)
         self._health.started(t_ns)
         self._last_pose = (self.state.R_WB, self.state.p_WB)
-        return Estimate(
-            t_ns, Health.TRACKING, ("started",), self.state.snapshot(), len(observations), 0, stages
-        )
+        return Estimate(t_ns, Health.TRACKING, ("started",), self.state.snapshot(), len(observations), 0, stages)
 
     def _find_start(self, t_ns: int, observations: Observations) -> tuple[State | None, str]:
         self._start_bias = self._prior.starting_bias(self.config.start, t_ns)

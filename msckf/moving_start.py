@@ -99,7 +99,7 @@ def rotation_bias(window: Window) -> Vectors:
     bearings_C = views.rig.unproject(views.cameras, views.uv)
     bearings = (views.rig.R_BC[views.cameras][:, None] @ bearings_C[..., None])[..., 0]  # (F, K, 3) in B
     K = views.seen.shape[1]
-    pairs = [(k, k + step) for step in (1, 3) for k in range(0, K - step)]
+    pairs = [(k, k + step) for step in (1, 3) for k in range(K - step)]
     usable = []
     for i, j in pairs:
         both = views.seen[:, i] & views.seen[:, j]

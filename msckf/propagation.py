@@ -161,9 +161,7 @@ def transition(
     return Phi
 
 
-def predict(
-    R_WB: Rotations, p_WB: Vectors, v_WB: Vectors, increment: Increment
-) -> tuple[Rotations, Vectors, Vectors]:
+def predict(R_WB: Rotations, p_WB: Vectors, v_WB: Vectors, increment: Increment) -> tuple[Rotations, Vectors, Vectors]:
     """Pose and velocity after an increment."""
     dt = increment.dt
     return (

@@ -30,9 +30,7 @@ class Triangulated:
     near: Mask
 
 
-def triangulate(
-    views: Views, R_WB: Rotations, p_WB: Vectors, config: VisionConfig
-) -> Triangulated:
+def triangulate(views: Views, R_WB: Rotations, p_WB: Vectors, config: VisionConfig) -> Triangulated:
     """Triangulate from body poses R_WB (K, 3, 3), p_WB (K, 3).
 
     A feature without parallax would get a distance made of noise, and pretend to know the translation by it. It is put
@@ -101,9 +99,7 @@ def _ray_frames(rays: Vectors) -> Rotations:
     return np.stack([first, np.cross(rays, first), rays], axis=-1)
 
 
-def _refine(
-    views: Views, weight: Floats, R_CA: Rotations, p_CA: Vectors, x: Floats
-) -> tuple[Floats, Floats, Floats]:
+def _refine(views: Views, weight: Floats, R_CA: Rotations, p_CA: Vectors, x: Floats) -> tuple[Floats, Floats, Floats]:
     """Levenberg-Marquardt over x = (across, across, inverse range); each feature has its own damping.
 
     Returns x, the squared error [px^2], and the variance of the inverse range at one pixel of noise.
@@ -133,9 +129,7 @@ def _refine(
     return x, cost, np.linalg.inv(A)[:, 2, 2]
 
 
-def _residuals(
-    views: Views, weight: Floats, R_CA: Rotations, p_CA: Vectors, x: Floats
-) -> tuple[Floats, Floats]:
+def _residuals(views: Views, weight: Floats, R_CA: Rotations, p_CA: Vectors, x: Floats) -> tuple[Floats, Floats]:
     """Pixel residuals (F, K, 2) and derivatives of the prediction by x (F, K, 2, 3)."""
     direction = np.concatenate([x[:, :2], np.ones((len(x), 1))], axis=1)
     # A point times its inverse range: the projection does not see the scale.
@@ -143,4 +137,3 @@ def _residuals(
     uv, J = views.rig.project_jacobian(views.cameras, h)
     by_x = np.concatenate([R_CA[..., :2], p_CA[..., None]], axis=-1)
     return (views.uv - uv) * weight[..., None], (J @ by_x) * weight[..., None, None]
-

@@ -172,9 +172,7 @@ class Tracker:
         self._uv = np.concatenate([self._uv, uv])
         self._bearings = np.concatenate([self._bearings, self.camera.unproject(uv)])
 
-    def _corners(
-        self, image: Image, free: Image, column: int, row: int, wanted: int
-    ) -> list[tuple[float, float]]:
+    def _corners(self, image: Image, free: Image, column: int, row: int, wanted: int) -> list[tuple[float, float]]:
         """Up to `wanted` corners in one cell, the strongest first, apart from each other; marks them in `free`."""
         c = self.config
         h, w = image.shape

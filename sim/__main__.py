@@ -43,9 +43,7 @@ class Record:
                 mode=self.mode,
                 moving_start=self.start_in_motion,
                 cameras=self.cameras,
-                progress=lambda done, total: bar.update(
-                    task, description="rendering", completed=done, total=total
-                ),
+                progress=lambda done, total: bar.update(task, description="rendering", completed=done, total=total),
             )
         console.print(f"recorded {self.out}")
 

@@ -57,9 +57,7 @@ def write_imu(folder: Path, noise: ImuNoise, samples: ImuSamples) -> None:
     """`imu0`: samples and `sensor.yaml`."""
     sensor = {"sensor_type": "imu", "comment": "simulated", "T_BS": _matrix(np.eye(4)), **vars(noise)}
     _write_sensor(folder / "imu0", sensor)
-    _write_table(
-        folder / "imu0" / "data.csv", _IMU_HEADER, samples.t_ns, np.hstack([samples.gyro, samples.accel])
-    )
+    _write_table(folder / "imu0" / "data.csv", _IMU_HEADER, samples.t_ns, np.hstack([samples.gyro, samples.accel]))
 
 
 def write_truth(folder: Path, truth: Trajectory) -> None:

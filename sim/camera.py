@@ -42,9 +42,7 @@ class SceneCamera:
         mujoco.mj_forward(scene.model, data)
         self._scene = mujoco.MjvScene(scene.model, maxgeom=scene.model.ngeom + 1)
         option, anywhere = mujoco.MjvOption(), mujoco.MjvCamera()
-        mujoco.mjv_updateScene(
-            scene.model, data, option, None, anywhere, mujoco.mjtCatBit.mjCAT_ALL.value, self._scene
-        )
+        mujoco.mjv_updateScene(scene.model, data, option, None, anywhere, mujoco.mjtCatBit.mjCAT_ALL.value, self._scene)
         for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
             self._scene.flags[flag] = False
 
@@ -89,9 +87,7 @@ class _PinholeMap:
         tangent = rays[..., :2] / np.maximum(rays[..., 2:], 1e-6)
         reach = np.abs(tangent).max(axis=(0, 1))
         if not np.all(reach < _MAX_TANGENT):
-            raise RenderError(
-                f"the camera sees tangents up to {reach.max():.1f}; rendering covers {_MAX_TANGENT}"
-            )
+            raise RenderError(f"the camera sees tangents up to {reach.max():.1f}; rendering covers {_MAX_TANGENT}")
         focal = fine * camera.focal
         self.width, self.height = (2 * int(np.ceil(r * focal + 2.0)) for r in reach)
         self.half_width, self.half_height = 0.5 * self.width / focal, 0.5 * self.height / focal

@@ -33,9 +33,7 @@ class Film:
     scene: Scene
     schedule: Schedule
 
-    def shoot(
-        self, folder: Path, stamps: Stamps, rng: np.random.Generator, progress: Progress | None = None
-    ) -> None:
+    def shoot(self, folder: Path, stamps: Stamps, rng: np.random.Generator, progress: Progress | None = None) -> None:
         """Write `camN/data/*.png` and `camN/data.csv` for frames at stamps (N,).
 
         A frame's noise depends on the generator and its place alone: another schedule changes no clean frame.

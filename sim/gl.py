@@ -28,9 +28,7 @@ def make_context(width: int, height: int) -> Any:
         context = GLContext(width, height)
         context.make_current()
     except Exception as error:  # PyOpenGL raises whatever it runs into when a library is missing
-        raise RenderError(
-            f"no OpenGL here that renders without a screen ({error}); type: {INSTALL}"
-        ) from error
+        raise RenderError(f"no OpenGL here that renders without a screen ({error}); type: {INSTALL}") from error
     return context
 
 
@@ -47,9 +45,7 @@ def install() -> None:
         RenderError: not root, no apt-get, or it failed; the message is the line to type.
     """
     if os.geteuid() != 0 or shutil.which("apt-get") is None:
-        raise RenderError(
-            f"cannot install OpenGL without root and apt-get; as root on Debian type: {INSTALL}"
-        )
+        raise RenderError(f"cannot install OpenGL without root and apt-get; as root on Debian type: {INSTALL}")
     result = subprocess.run(INSTALL, shell=True, capture_output=True, text=True, check=False)
     if result.returncode != 0 or not works():
         raise RenderError(f"installing OpenGL failed: {result.stderr.strip()[-300:]}; type: {INSTALL}")

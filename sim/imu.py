@@ -85,9 +85,7 @@ def simulate_imu(motion: Motion, imu: ImuGrade, rng: np.random.Generator) -> tup
     return ImuSamples(clean.t_ns, gyro, accel), replace(motion.at(clean.t_ns), b_g=b_g, b_a=b_a)
 
 
-def _bias(
-    turn_on: float, walk: float, rate_hz: float, size: tuple[int, int], rng: np.random.Generator
-) -> Vectors:
+def _bias(turn_on: float, walk: float, rate_hz: float, size: tuple[int, int], rng: np.random.Generator) -> Vectors:
     steps = walk / np.sqrt(rate_hz) * rng.standard_normal(size)
     steps[0] = turn_on * rng.standard_normal(size[1])
     bias: Vectors = np.cumsum(steps, axis=0)

@@ -50,9 +50,7 @@ class Layout:
         half = 0.5 * np.array(self.size)
         centre = np.array([0.0, 0.0, half[2]])
         with np.errstate(divide="ignore", invalid="ignore"):
-            exits = np.where(
-                direction != 0.0, (np.sign(direction) * half - (start - centre)) / direction, np.inf
-            )
+            exits = np.where(direction != 0.0, (np.sign(direction) * half - (start - centre)) / direction, np.inf)
         free: Floats = np.minimum(exits.min(axis=1), self.clutter_distance(start, direction))
         return free
 
@@ -104,11 +102,7 @@ def furnished_room(rng: np.random.Generator) -> Layout:
             x, y = rng.uniform(-0.5 * w + half[0], 0.5 * w - half[0]), side * (0.5 * d - half[1] - depth)
         else:
             x, y = side * (0.5 * w - half[0] - depth), rng.uniform(-0.5 * d + half[1], 0.5 * d - half[1])
-        blocks.append(
-            Block((float(x), float(y), float(half[2])), (float(half[0]), float(half[1]), float(half[2])))
-        )
-    lamps = tuple(
-        (float(rng.uniform(-0.4 * w, 0.4 * w)), float(rng.uniform(-0.4 * d, 0.4 * d))) for _ in range(_LAMPS)
-    )
+        blocks.append(Block((float(x), float(y), float(half[2])), (float(half[0]), float(half[1]), float(half[2]))))
+    lamps = tuple((float(rng.uniform(-0.4 * w, 0.4 * w)), float(rng.uniform(-0.4 * d, 0.4 * d))) for _ in range(_LAMPS))
     blocks += [Block((x, y, h - _LAMP_HALF[2]), _LAMP_HALF) for x, y in lamps]
     return Layout(ROOM_SIZE, tuple(blocks), lamps)

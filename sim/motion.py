@@ -92,9 +92,7 @@ class Motion:
         t_ns = np.asarray(t_ns, dtype=np.int64)
         s = (t_ns - EPOCH_NS) * 1e-9
         if np.any((s < -1e-9) | (s > self.duration_s + 1e-9)):
-            raise ConfigError(
-                f"the motion lasts {self.duration_s:.3f} s; asked for {s.min():.4f} to {s.max():.4f} s"
-            )
+            raise ConfigError(f"the motion lasts {self.duration_s:.3f} s; asked for {s.min():.4f} to {s.max():.4f} s")
         k = np.clip((s / self.step_s).astype(np.int64), 0, len(self.omega_B) - 1)
         tau = (s - k * self.step_s)[:, None]
         phi, force = self.omega_B[k] * tau, self.specific_force_B[k]

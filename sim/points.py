@@ -64,9 +64,7 @@ def simulate_points(
     streams = Streams.of(seed, noise_seed)
     imu = grade(IMU_GRADE)
     calibration = euroc_like(imu.noise, cameras)
-    samples, truth = (
-        simulate_imu(motion, imu, streams.imu) if noisy_imu else exact_imu(motion, imu.noise.rate_hz)
-    )
+    samples, truth = simulate_imu(motion, imu, streams.imu) if noisy_imu else exact_imu(motion, imu.noise.rate_hz)
     points, normals = furnished_room(streams.world).landmarks(LANDMARKS, streams.world)
     stamps = frame_stamps(motion, calibration.cameras[0].rate_hz)
     view = View(calibration, points, normals, motion.at(stamps))

@@ -25,7 +25,7 @@ _MOVING_START_S = 8.0  # of flight that is thrown away for a start in motion
 class QuadrotorFlight:
     """How the quadrotor flies."""
 
-    speed: float = 1.5  # m/s between waypoints
+    speed: float = 1.3  # m/s, mean after take-off
     yaw_rate: float = 0.35  # rad/s, sd between waypoints
     rest_s: float = 2.0  # standing on the floor before take-off
     moving_start: bool = False  # the recording begins in full flight

@@ -11,9 +11,7 @@ from sim.errors import ConfigError
 
 MAX_CAMERAS = 2
 
-_R_BC_LEVEL = np.array(
-    [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
-)  # C looks along B's x, its y down
+_R_BC_LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # C looks along B's x, its y down
 _PITCH_DOWN_DEG = 12.0
 _BASELINE = 0.11  # m
 _LEFT = PinholeRadtan(

@@ -61,9 +61,7 @@ def build(layout: Layout, rng: np.random.Generator) -> Scene:
     surfaces = [_Surface.of(*r) for r in layout.rectangles()]
     grids = [s.grid(_LIGHT_GRID_M) for s in surfaces]
     points = np.concatenate([p for p, _ in grids])
-    normals = np.concatenate(
-        [np.tile(s.R_WS[:, 2], (len(p), 1)) for s, (p, _) in zip(surfaces, grids, strict=True)]
-    )
+    normals = np.concatenate([np.tile(s.R_WS[:, 2], (len(p), 1)) for s, (p, _) in zip(surfaces, grids, strict=True)])
     light = irradiance(layout, points, normals)
     spec = mujoco.MjSpec()
     spec.visual.headlight.ambient = [1.0, 1.0, 1.0]
@@ -90,9 +88,7 @@ def _texture(surface: _Surface, light: Floats, rng: np.random.Generator) -> Imag
 
 def _add(spec: mujoco.MjSpec, name: str, surface: _Surface, texture: Image) -> None:
     height, width = texture.shape
-    added = spec.add_texture(
-        name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=3
-    )
+    added = spec.add_texture(name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=3)
     added.data = np.repeat(texture[..., None], 3, axis=2).tobytes()
     material = spec.add_material(name=name, texrepeat=[1.0, 1.0], specular=0.0, shininess=0.0)
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name

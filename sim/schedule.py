@@ -29,9 +29,7 @@ class Degradation:
         if not 1 <= self.severity <= MAX_SEVERITY:
             raise ConfigError(f"severity of {self.kind} is {self.severity}, expected 1 to {MAX_SEVERITY}")
         if not 0.0 <= self.start_s < self.end_s:
-            raise ConfigError(
-                f"{self.kind} lasts from {self.start_s} s to {self.end_s} s; expected 0 <= start < end"
-            )
+            raise ConfigError(f"{self.kind} lasts from {self.start_s} s to {self.end_s} s; expected 0 <= start < end")
 
 
 @dataclass(frozen=True)

@@ -30,18 +30,14 @@ def dead_leaves(width: int, height: int, texels_per_m: float, rng: np.random.Gen
     angles, kinds = rng.uniform(0.0, np.pi, n), rng.integers(0, 4, n)
     for k in order:
         _draw(image, kinds[k], centres[k], sizes[k], angles[k], float(shades[k]))
-    grain = cv2.resize(
-        rng.standard_normal((height // 3 + 1, width // 3 + 1)).astype(np.float32), (width, height)
-    )
+    grain = cv2.resize(rng.standard_normal((height // 3 + 1, width // 3 + 1)).astype(np.float32), (width, height))
     textured: Floats = np.clip(image / 255.0 * (1.0 + 0.05 * grain), 0.02, 0.95)
     return textured
 
 
 def _draw(image: Image, kind: int, centre: Floats, size: float, angle: float, shade: float) -> None:
     if kind == 0:
-        cv2.circle(
-            image, np.rint(centre * 8.0).astype(int).tolist(), round(4.0 * size), shade, -1, cv2.LINE_AA, 3
-        )
+        cv2.circle(image, np.rint(centre * 8.0).astype(int).tolist(), round(4.0 * size), shade, -1, cv2.LINE_AA, 3)
         return
     corners = {1: 4, 2: 3, 3: 4}[int(kind)]
     turns = angle + 2.0 * np.pi * np.arange(corners) / corners

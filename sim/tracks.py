@@ -53,9 +53,7 @@ class Seeing:
             _MOTION_BLUR[schedule.severity("motion_blur", t_s)],
         )
         features, life, noise = (a * b for a, b in zip(dark, blur, strict=True))
-        return Seeing(
-            self.pixel_noise * noise, max(1, round(self.max_features * features)), self.track_life_s * life
-        )
+        return Seeing(self.pixel_noise * noise, max(1, round(self.max_features * features)), self.track_life_s * life)
 
 
 def follow(view: View, seeing: Seeing, schedule: Schedule, rng: np.random.Generator) -> list[Frame]:

@@ -82,9 +82,7 @@ class _Outline:
     @staticmethod
     def of(mount: CameraMount) -> "_Outline":
         camera = mount.camera
-        u, v = np.meshgrid(
-            np.linspace(0.0, camera.width - 1.0, 60), np.linspace(0.0, camera.height - 1.0, 60)
-        )
+        u, v = np.meshgrid(np.linspace(0.0, camera.width - 1.0, 60), np.linspace(0.0, camera.height - 1.0, 60))
         rays = camera.unproject(np.stack([u, v], axis=-1).reshape(-1, 2))
         xy = rays[:, :2] / rays[:, 2:]
         low, scale = xy.min(axis=0), _TABLE / (xy.max(axis=0) - xy.min(axis=0))
@@ -92,9 +90,7 @@ class _Outline:
         middle = np.concatenate([(ij + 0.5) / scale + low, np.ones((_TABLE, _TABLE, 1))], axis=-1)
         uv = camera.project(middle)
         cell = np.floor(uv / [camera.width, camera.height] * GRID).astype(np.int64) @ [1, GRID[0]]
-        return _Outline(
-            low.astype(np.float32), scale.astype(np.float32), np.where(camera.inside(uv, 8.0), cell, -1)
-        )
+        return _Outline(low.astype(np.float32), scale.astype(np.float32), np.where(camera.inside(uv, 8.0), cell, -1))
 
     def look_up(self, p_CF: Vectors) -> tuple[Mask, Stamps]:
         """Whether points (K, 3) are in the bounding box (K,), and their grid cell or -1 (K,)."""

@@ -7,6 +7,9 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from navcore.arrays import Floats, Vectors
 
+_LEAST_PACE = 0.4  # of the drawn times: clipping makes the way shorter, so it is flown in less time
+_RESTING = 3  # coefficients that fix position, velocity and acceleration at the start
+
 
 @dataclass(frozen=True)
 class Box:
@@ -55,42 +58,46 @@ def random_path(
     rng: np.random.Generator,
     start_s: float = 0.0,
 ) -> Path:
-    """A path from rest at `start` through waypoints drawn in `box`, which it leaves downwards only, a little.
+    """A path from rest at `start` through waypoints drawn in `box`, which it never leaves once it is in it.
 
     Args:
         box: where waypoints lie.
         start: (3,) m; may lie below the box.
         seconds: how long the path must last after `start_s`.
-        speed: m/s along straight lines between waypoints; mean of the flight.
+        speed: m/s, mean of the path after take-off.
         yaw_rate: rad/s, sd of the mean yaw rate between waypoints.
         rng: draws waypoints and yaw.
         start_s: rest before.
     """
     low, high = np.array(box.low), np.array(box.high)
     points = [start, start + np.array([0.0, 0.0, max(1.0, low[2] - start[2] + 0.2)])]
-    times = [0.0, 2.0 * (points[1][2] - start[2]) / speed]
-    while times[-1] < seconds + 5.0 or len(points) < 8:
+    times = [0.0, 3.0 * (points[1][2] - start[2]) / speed]
+    while times[-1] < (seconds + 5.0) / _LEAST_PACE:
         step = rng.uniform(low, high) - points[-1]
         distance = float(np.linalg.norm(step))
         if 1.5 <= distance <= 5.0:
             points.append(points[-1] + step)
             times.append(times[-1] + distance / speed)
     t, p = np.array(times), np.array(points)
-    yaws = rng.uniform(-np.pi, np.pi) + np.concatenate(
-        [[0.0, 0.0], np.cumsum(rng.normal(0.0, yaw_rate, len(t) - 2) * np.diff(t)[1:])]
-    )
     rest = ([(1, np.zeros(3)), (2, np.zeros(3))], [(1, np.zeros(3)), (2, np.zeros(3))])
-    position = make_interp_spline(t, p, k=5, bc_type=rest)  # type: ignore[arg-type]
-    return Path(_kept_inside(position, low, high), make_interp_spline(t, yaws, k=3), start_s)
+    position = _kept_inside(make_interp_spline(t, p, k=5, bc_type=rest), low, high)  # type: ignore[arg-type]
+    pace = max(_mean_speed(position, t[1]) / speed, _LEAST_PACE)
+    turns = rng.normal(0.0, yaw_rate, len(t) - 2) * pace * np.diff(t)[1:]
+    yaws = rng.uniform(-np.pi, np.pi) + np.concatenate([[0.0, 0.0], np.cumsum(turns)])
+    yaw = make_interp_spline(pace * t, yaws, k=3)
+    return Path(BSpline(pace * position.t, position.c, position.k), yaw, start_s)
+
+
+def _mean_speed(path: BSpline, after_s: float) -> float:
+    t = np.arange(after_s, path.t[-1], 0.02)
+    return float(np.linalg.norm(path(t, 1), axis=1).mean())
 
 
 def _kept_inside(path: BSpline, low: Vectors, high: Vectors) -> BSpline:
-    """The path with every axis shrunk so far towards the middle of the box that overshoots stay inside."""
-    middle = 0.5 * (low + high)
-    p = path(np.linspace(path.t[0], path.t[-1], 4000))
-    excess_up = (p - middle).max(axis=0) / (high - middle)
-    excess_down = (middle - p).max(axis=0) / (middle - low)
-    excess_down[2] = 1.0  # the ground, where the path begins, may lie below
-    shrink = 1.0 / np.maximum(1.0, np.maximum(excess_up, excess_down))
-    anchor = np.array([middle[0], middle[1], p[0, 2]])
-    return BSpline(path.t, anchor + (path.c - anchor) * shrink, path.k)
+    """The path with its coefficients clipped to the box, but for those that hold the rest at its start.
+
+    A B-spline lies in the convex hull of its coefficients, so overshoots end at the box, as smooth as before.
+    """
+    c = path.c.copy()
+    c[_RESTING:] = np.clip(c[_RESTING:], low, high)
+    return BSpline(path.t, c, path.k)

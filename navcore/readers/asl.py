@@ -83,9 +83,7 @@ def camera_folders(folder: Path) -> list[Path]:
     return [folder / name for name in names]
 
 
-def read_frames(
-    cameras: list[Path], calibration: Calibration, imu: ImuSamples
-) -> tuple[tuple[Frame, ...], list[str]]:
+def read_frames(cameras: list[Path], calibration: Calibration, imu: ImuSamples) -> tuple[tuple[Frame, ...], list[str]]:
     """Frames of all cameras, paired by stamp; those outside the IMU's span are left out and noted.
 
     A camera folder with `data.csv` has images, one with `tracks.csv` has tracks, any other has no frames.

@@ -64,9 +64,7 @@ def check_free(out: Path) -> None:
         raise DataError(f"{out}: is a file; expected a new or an empty folder")
 
 
-def write_run(
-    out: Path, run: Run, sequence: Sequence, config: Mapping[str, Any], summary: Mapping[str, Any]
-) -> None:
+def write_run(out: Path, run: Run, sequence: Sequence, config: Mapping[str, Any], summary: Mapping[str, Any]) -> None:
     """Write the folder of a run; it appears under its name when it is complete.
 
     Args:
@@ -140,9 +138,7 @@ def _write_frames(path: Path, run: Run) -> None:
             table.writerow([e.t_ns, e.health.value, "; ".join(e.reasons), e.tracked, e.used, *times])
 
 
-def _write_description(
-    path: Path, sequence: Sequence, config: Mapping[str, Any], summary: Mapping[str, Any]
-) -> None:
+def _write_description(path: Path, sequence: Sequence, config: Mapping[str, Any], summary: Mapping[str, Any]) -> None:
     cameras = [f"{m.camera.model} {m.camera.width}x{m.camera.height}" for m in sequence.calibration.cameras]
     stamps = [sequence.frames[k].t_ns for k in (0, -1)] if sequence.frames else []
     content = {

@@ -46,10 +46,7 @@ accelerometer_random_walk: 3.0e-3
 def imu_rows(count: int = 201) -> list[list[str]]:
     """Rows of `imu0/data.csv`, as text."""
     wave = np.sin(0.1 * np.arange(count))
-    return [
-        [str(START_NS + k * IMU_STEP_NS), f"{w:.9f}", "0", "0.3", "0", "-0.1", "9.81"]
-        for k, w in enumerate(wave)
-    ]
+    return [[str(START_NS + k * IMU_STEP_NS), f"{w:.9f}", "0", "0.3", "0", "-0.1", "9.81"] for k, w in enumerate(wave)]
 
 
 def truth_rows(count: int = 201, columns: int = 16) -> list[list[str]]:

@@ -38,9 +38,7 @@ cam0:
   T_cam_imu: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
   timeshift_cam_imu: -0.004
 """
-NOISE = (
-    "gyroscope_noise_density: 1.0e-4\ngyroscope_random_walk: 2.0e-5\naccelerometer_noise_density: 3.0e-3\n"
-)
+NOISE = "gyroscope_noise_density: 1.0e-4\ngyroscope_random_walk: 2.0e-5\naccelerometer_noise_density: 3.0e-3\n"
 
 
 def written(folder, text):

@@ -42,9 +42,7 @@ def test_wrong_samples_are_refused(t_ns, gyro, says):
         ImuSamples(np.array(t_ns), gyro, np.zeros((2, 3)))
 
 
-@pytest.mark.parametrize(
-    "values", [(-1e-4, 0, 0, 0), (np.nan, 0, 0, 0), (0, 0, 0, np.inf), (0, 0, 0, 0, 0.0)]
-)
+@pytest.mark.parametrize("values", [(-1e-4, 0, 0, 0), (np.nan, 0, 0, 0), (0, 0, 0, np.inf), (0, 0, 0, 0, 0.0)])
 def test_impossible_noise_is_refused(values):
     with pytest.raises(DataError, match="expected a finite value, not negative"):
         ImuNoise(*values)

@@ -59,9 +59,7 @@ def test_the_recorder_keeps_diagonal_blocks_in_order():
     assert result.completeness == 2 / 3
     for k, name in enumerate(BLOCKS):
         block = slice(3 * k, 3 * k + 3)
-        np.testing.assert_array_equal(
-            result.covariances[1, k], state(2).covariance[block, block], err_msg=name
-        )
+        np.testing.assert_array_equal(result.covariances[1, k], state(2).covariance[block, block], err_msg=name)
     variances = np.diag(state(1).covariance).reshape(5, 3)
     np.testing.assert_allclose(result.sigmas[0], np.sqrt(variances))
     assert result.estimates[1].state.covariance.size == 0  # memory stays flat

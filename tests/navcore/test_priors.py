@@ -26,9 +26,7 @@ def device_file(folder, **change):
 def rows_file(folder, stamps=(10 * S, 20 * S, 30 * S), sigma=0.1):
     path = folder / "priors.csv"
     lines = ["t_ns,b_g_x,b_g_y,b_g_z,b_a_x,b_a_y,b_a_z,s1,s2,s3,s4,s5,s6"]
-    lines += [
-        f"{t},0.1,0.2,0.3,1,2,3," + ",".join([str(sigma * (k + 1) ** 2)] * 6) for k, t in enumerate(stamps)
-    ]
+    lines += [f"{t},0.1,0.2,0.3,1,2,3," + ",".join([str(sigma * (k + 1) ** 2)] * 6) for k, t in enumerate(stamps)]
     path.write_text("\n".join(lines))
     return path
 
@@ -149,9 +147,7 @@ def test_truth_comes_once_a_second_at_its_own_time():
 
 
 def test_truth_with_stated_sigmas():
-    (row,) = load_prior("truth:1e-3,0.5", recording([0.0, 0.5], np.zeros((2, 3)), np.ones((2, 3)))).poll(
-        2**62
-    )
+    (row,) = load_prior("truth:1e-3,0.5", recording([0.0, 0.5], np.zeros((2, 3)), np.ones((2, 3)))).poll(2**62)
     np.testing.assert_allclose(np.sqrt(np.diag(row.covariance)), [1e-3] * 3 + [0.5] * 3)
 
 

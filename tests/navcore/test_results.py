@@ -41,9 +41,7 @@ def made():
     starting = [estimate(k, False, Health.INITIALISING, ["no motion yet"], stages) for k in (0, 1)]
     skipped = "skipped: cam0/3.png: corrupt image, cannot be decoded"
     rest = [estimate(k, stages=stages) for k in (2, 4, 5, 6)]
-    bad = estimate(
-        3, health=Health.INERTIAL_ONLY, reasons=["few features: 3", skipped], stages={"decode": 0.020}
-    )
+    bad = estimate(3, health=Health.INERTIAL_ONLY, reasons=["few features: 3", skipped], stages={"decode": 0.020})
     lost = estimate(7, False, Health.LOST, ["12.5 m/s is too fast"], {"track": 0.008, "update": 0.001})
     recorder.add([*starting, rest[0], bad, *rest[1:], lost])
     return recorder.result()
@@ -153,9 +151,7 @@ def test_a_run_without_frames(out):
 def test_results_are_never_overwritten(out):
     write_run(out, made(), sequence(), {}, {})
     before = (out / "run.json").read_bytes()
-    with pytest.raises(
-        DataError, match=r"one: already holds biases\.csv, .*; expected a new or an empty folder"
-    ):
+    with pytest.raises(DataError, match=r"one: already holds biases\.csv, .*; expected a new or an empty folder"):
         check_free(out)
     with pytest.raises(DataError, match="already holds"):
         write_run(out, made(), sequence(), {"other": 1}, {})

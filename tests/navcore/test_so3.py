@@ -76,9 +76,7 @@ def test_inverse_jacobian_against_differences_of_log(phi):
 
 @given(VECTORS)
 def test_inverse_jacobians_are_inverse(phi):
-    np.testing.assert_allclose(
-        so3.right_jacobian_inverse(phi) @ so3.right_jacobian(phi), np.eye(3), atol=1e-9
-    )
+    np.testing.assert_allclose(so3.right_jacobian_inverse(phi) @ so3.right_jacobian(phi), np.eye(3), atol=1e-9)
     np.testing.assert_allclose(so3.left_jacobian_inverse(phi) @ so3.left_jacobian(phi), np.eye(3), atol=1e-9)
 
 

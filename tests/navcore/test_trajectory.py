@@ -48,9 +48,7 @@ def test_stamps_as_others_write_them(tmp_path, stamp, t_ns):
     assert Trajectory.from_tum(file).t_ns.tolist() == [t_ns]
 
 
-@pytest.mark.parametrize(
-    "line", ["1.0 0 0 0 0 0 1", "1.0 a 0 0 0 0 0 1", "x 0 0 0 0 0 0 1", "1 0 0 0 0 0 0 1 9"]
-)
+@pytest.mark.parametrize("line", ["1.0 0 0 0 0 0 1", "1.0 a 0 0 0 0 0 1", "x 0 0 0 0 0 0 1", "1 0 0 0 0 0 0 1 9"])
 def test_a_wrong_line_is_named(tmp_path, line):
     file = tmp_path / "t.tum"
     file.write_text(f"0.5 0 0 0 0 0 0 1\n{line}\n")

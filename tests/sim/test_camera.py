@@ -33,9 +33,7 @@ def scene_of_balls(places: Vectors) -> Scene:
     spec.visual.headlight.specular = [0.0, 0.0, 0.0]
     spec.visual.quality.offsamples = 0
     for p in places:
-        spec.worldbody.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.015, 0, 0], pos=p, rgba=[1, 1, 1, 1]
-        )
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.015, 0, 0], pos=p, rgba=[1, 1, 1, 1])
     return Scene(Layout((20.0, 20.0, 20.0), (), ()), spec.compile())
 
 
@@ -75,9 +73,7 @@ def test_two_views_of_a_room_agree_through_its_geometry(furnished: Scene) -> Non
     points = start + furnished.layout.distance(start, rays)[:, None] * rays
     towards = points - T_WB[:3, 3]
     far = np.linalg.norm(towards, axis=1)
-    unhidden = (
-        furnished.layout.distance(np.tile(T_WB[:3, 3], (len(far), 1)), towards / far[:, None]) > far - 0.01
-    )
+    unhidden = furnished.layout.distance(np.tile(T_WB[:3, 3], (len(far), 1)), towards / far[:, None]) > far - 0.01
     p_BF = towards @ T_WB[:3, :3]
     seen = unhidden & EUROC.visible(p_BF)
     u2, v2 = np.rint(EUROC.project(p_BF)[seen]).astype(int).T

@@ -81,9 +81,7 @@ def test_noise_and_biases_have_the_stated_sizes() -> None:
     ):
         white = measured - clean - bias
         assert np.std(white) == pytest.approx(density * np.sqrt(200.0), rel=4.0 / np.sqrt(2 * count))
-        assert np.std(np.diff(bias, axis=0)) == pytest.approx(
-            walk * np.sqrt(5e-3), rel=4.0 / np.sqrt(2 * count)
-        )
+        assert np.std(np.diff(bias, axis=0)) == pytest.approx(walk * np.sqrt(5e-3), rel=4.0 / np.sqrt(2 * count))
         assert abs(np.corrcoef(white[1:, 0], white[:-1, 0])[0, 1]) < 4.0 / np.sqrt(n)
 
 

@@ -18,9 +18,7 @@ def spline_motion(h: float, seconds: float) -> tuple[Motion, RotationSpline, obj
     rng = np.random.default_rng(5)
     knots = np.arange(-2.0, seconds + 3.0)
     position = make_interp_spline(knots, rng.uniform(-1.0, 1.0, (len(knots), 3)), k=5)
-    attitude = RotationSpline(
-        knots, Rotation.from_rotvec(np.cumsum(rng.normal(0.0, 0.4, (len(knots), 3)), axis=0))
-    )
+    attitude = RotationSpline(knots, Rotation.from_rotvec(np.cumsum(rng.normal(0.0, 0.4, (len(knots), 3)), axis=0)))
     t = np.arange(round(seconds / h) + 1) * h
     return Motion.from_states(h, attitude(t).as_matrix(), position(t), position(t, 1)), attitude, position
 
