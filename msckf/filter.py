@@ -1,14 +1,13 @@
 """The filter as its users see it: IMU samples and frames in, estimates out."""
 
-import time
 from collections import deque
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from msckf.clock import stage
 from msckf.config import FilterConfig
 from msckf.errors import InputError
 from msckf.frontend import Frontend, Observations
@@ -132,15 +131,14 @@ class Filter:
         stages: dict[str, float] = {}
         if self.state is None:
             return self._try_to_start(frame, t_ns, stages)
-        with _stage(stages, "propagate"):
+        with stage(stages, "propagate"):
             R_before = self.state.R_WB
             notes = self._propagate(self.state, t_ns)
             R_B1B0 = self.state.R_WB.T @ R_before
-        with _stage(stages, "track"):
-            observations = self._frontend.observe(frame, R_B1B0)
-        with _stage(stages, "update"):
+        observations = self._frontend.observe(frame, R_B1B0, stages)
+        with stage(stages, "update"):
             outcome, still = self._correct(self.state, frame.t_ns, t_ns, observations)
-        with _stage(stages, "prior"):
+        with stage(stages, "prior"):
             notes += self._prior.update(self.state, t_ns)
         verdict = self._health.judge(self.state, t_ns, observations, outcome, still)
         self._buffer.drop_before(t_ns - round(1e9 * self.config.standstill.window_s))
@@ -176,9 +174,8 @@ class Filter:
     # -- start ------------------------------------------------------------------------------------------------
 
     def _try_to_start(self, frame: Frame, t_ns: int, stages: dict[str, float]) -> Estimate:
-        with _stage(stages, "track"):
-            observations = self._frontend.observe(frame, None)
-        with _stage(stages, "start"):
+        observations = self._frontend.observe(frame, None, stages)
+        with stage(stages, "start"):
             state, reason = self._find_start(t_ns, observations)
         health = Health.INITIALISING if self._last_pose is None else Health.LOST
         if state is None:
@@ -237,13 +234,3 @@ def make(
 ) -> Filter:
     """Entry point `navcore.odometry: msckf`: a filter whose settings are `overrides` of the defaults by dotted name."""
     return Filter(calibration, FilterConfig().with_overrides(overrides), prior, start)
-
-
-@contextmanager
-def _stage(stages: dict[str, float], name: str) -> Iterator[None]:
-    """Adds the CPU seconds of this thread to `stages[name]`."""
-    begin = time.thread_time()
-    try:
-        yield
-    finally:
-        stages[name] = stages.get(name, 0.0) + time.thread_time() - begin

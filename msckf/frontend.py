@@ -4,9 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msckf.clock import stage
 from msckf.views import Rig
 from navcore.arrays import Floats, Rotations, Stamps
 from navcore.errors import DataError
+from navcore.odometry import SKIPPED
 from navcore.sequence import Frame
 from navcore.tracker import Tracker, TrackerConfig
 
@@ -39,20 +41,26 @@ class Frontend:
         self._trackers = [Tracker(mount.camera, config) for mount in rig.mounts]
         self._since: list[Rotations | None] = [np.eye(3) for _ in rig.mounts]
 
-    def observe(self, frame: Frame, R_B1B0: Rotations | None) -> Observations:
-        """Observations of a frame; `R_B1B0` is the body's rotation since the last frame, None if it is not known."""
+    def observe(self, frame: Frame, R_B1B0: Rotations | None, stages: dict[str, float]) -> Observations:
+        """Observations of a frame.
+
+        Args:
+            frame: images or tracks.
+            R_B1B0: the body's rotation since the last frame, None if it is not known.
+            stages: gets the CPU seconds of `decode` and `track`.
+        """
         keys, cameras, uvs, faults = [], [], [], []
         count = len(self._trackers)
         for c in range(count):
             since = self._since[c]
             self._since[c] = None if R_B1B0 is None or since is None else R_B1B0 @ since
             try:
-                ids, uv, fault = self._one(frame, c)
+                ids, uv, fault = self._one(frame, c, stages)
             except DataError as error:
-                faults.append(f"camera {c}: {error}")
+                faults.append(f"{SKIPPED}: camera {c}: {error}")
                 continue
             if fault is not None:
-                faults.append(f"camera {c}: {fault}")
+                faults.append(f"{fault}, camera {c}")
             self._since[c] = np.eye(3)
             keys.append(ids * count + c)
             cameras.append(np.full(len(ids), c, dtype=np.int64))
@@ -65,7 +73,7 @@ class Frontend:
             tuple(faults),
         )
 
-    def _one(self, frame: Frame, c: int) -> tuple[Stamps, Floats, str | None]:
+    def _one(self, frame: Frame, c: int, stages: dict[str, float]) -> tuple[Stamps, Floats, str | None]:
         """Ids, pixels and the fault of one camera's picture."""
         if c in frame.tracks:
             tracks = frame.tracks[c]
@@ -73,12 +81,14 @@ class Frontend:
         if c not in frame.images:
             raise DataError("no image")
         camera = self._rig.mounts[c].camera
-        image = frame.images[c].load()
+        with stage(stages, "decode"):
+            image = frame.images[c].load()
         if image.shape != (camera.height, camera.width) or image.dtype != np.uint8:
             raise DataError(
                 f"image is {image.shape[::-1]} {image.dtype}, expected ({camera.width}, {camera.height}) uint8"
             )
         R_BC, R_B1B0 = self._rig.mounts[c].R_BC, self._since[c]
         R_C1C0 = None if R_B1B0 is None else R_BC.T @ R_B1B0 @ R_BC
-        tracks = self._trackers[c].track(image, R_C1C0)
+        with stage(stages, "track"):
+            tracks = self._trackers[c].track(image, R_C1C0)
         return tracks.ids, tracks.uv, self._trackers[c].quality.fault

@@ -18,7 +18,8 @@ class StartingBias:
 
     Attributes:
         device: mean and covariance of the biases.
-        c: (6,) the prior's error; gain: (6, 6) how it follows the biases; conditional: (6, 6) its rest. None without `c`.
+        c: (6,) the prior's error; gain: (6, 6) how it follows the biases; conditional: (6, 6) its rest;
+            None where `c` is not estimated.
     """
 
     device: BiasPrior
@@ -69,7 +70,7 @@ class PriorUpdate:
         fused = BiasPrior(t_ns, mean[:3], mean[3:6], P[:6, :6])
         if not self.models_error:
             return StartingBias(fused)
-        gain = np.linalg.solve(P[:6, :6], P[:6, 6:]).T
+        gain = np.asarray(np.linalg.solve(P[:6, :6], P[:6, 6:]).T, dtype=np.float64)
         conditional = P[6:, 6:] - gain @ P[:6, 6:]
         return StartingBias(fused, mean[6:], gain, 0.5 * (conditional + conditional.T))
 

@@ -1,6 +1,7 @@
 """Before there is a state: frames are collected until the rig stands still, or its motion tells the state."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -8,9 +9,10 @@ from msckf.config import FilterConfig
 from msckf.features import FeatureTable
 from msckf.frontend import Observations
 from msckf.imu_buffer import ImuBuffer
-from msckf.moving_start import Window, moving_start
+from msckf.moving_start import moving_start
 from msckf.prior_update import StartingBias
 from msckf.standstill import image_motion, imu_is_quiet
+from msckf.start_refinement import Window
 from msckf.static_start import static_start
 from msckf.views import Rig, Views
 from navcore.calibration import Calibration
@@ -85,7 +87,7 @@ class Starter:
         rows = seen.sum(axis=1) >= self._config.vision.min_views
         views = Views(self._rig, self._table.cameras[rows], self._table.uv[rows][:, columns], seen[rows])
         times = [self._t_ns[k] for k in columns]
-        cells = [buffer.cells(a, b) for a, b in zip(times[:-1], times[1:], strict=True)]
+        cells = [buffer.cells(a, b) for a, b in pairwise(times)]
         result = moving_start(Window(cells, views, self._noise, bias.device), c, self._config.vision)
         self._last_reason = result.reason
         return Start(result.state, result.reason)

@@ -75,17 +75,17 @@ class FilterState:
     @property
     def size(self) -> int:
         """Number of error states."""
-        return self._P.shape[0]
+        return len(self._P)
 
     @property
     def prior_error(self) -> slice:
         """Where `c` is; empty when it is not estimated."""
-        return slice(IMU_SIZE, IMU_SIZE + (0 if self.c is None else 6))
+        return slice(IMU_SIZE, self.clone_start)
 
     @property
     def clone_start(self) -> int:
         """Index of the first clone's first error state."""
-        return self.prior_error.stop
+        return IMU_SIZE + (0 if self.c is None else 6)
 
     def clone(self, k: int) -> slice:
         """Where clone `k` is."""
@@ -150,7 +150,13 @@ class FilterState:
         keep = np.r_[0 : where.start, where.stop : self.size]
         self._P = self._P[np.ix_(keep, keep)]
         c = self.clones
-        self.clones = Clones(*(np.delete(x, k, axis=0) for x in (c.t_ns, c.R_WB, c.p_WB, c.R_first, c.p_first)))
+        self.clones = Clones(
+            np.delete(c.t_ns, k),
+            np.delete(c.R_WB, k, axis=0),
+            np.delete(c.p_WB, k, axis=0),
+            np.delete(c.R_first, k, axis=0),
+            np.delete(c.p_first, k, axis=0),
+        )
 
     def drop_clones(self) -> None:
         """Marginalise all clones."""
@@ -160,8 +166,8 @@ class FilterState:
     def add_prior_error(self, mean: Floats, gain: Floats, conditional: Floats) -> None:
         """Begin to estimate the prior's error `c`, given how it hangs together with the biases.
 
-        Before vision spoke, `c` was distributed about `mean + gain (b - b_hat)` with covariance `conditional`; all that the
-        state has learned since reaches `c` through the biases alone (docs/filter.md, section 7).
+        Before vision spoke, `c` was distributed about `mean + gain (b - b_hat)` with covariance `conditional`;
+        all that the state has learned since reaches `c` through the biases alone (docs/filter.md, section 7).
 
         Args:
             mean: (6,) of `c` at the present biases, gain: (6, 6), conditional: (6, 6).

@@ -33,13 +33,13 @@ class Triangulated:
 def triangulate(views: Views, R_WB: Rotations, p_WB: Vectors, config: VisionConfig) -> Triangulated:
     """Triangulate from body poses R_WB (K, 3, 3), p_WB (K, 3).
 
-    A feature without parallax would get a distance made of noise, and pretend to know the translation by it. It is put
-    at `_FAR` instead: there it hardly depends on the translation, and what its true distance adds to the residual lies in the
-    direction that the projection onto the left null space takes out.
+    A feature without parallax would get a distance made of noise, and pretend to know the translation by it. It is
+    put at `_FAR` instead: there it hardly depends on the translation, and what its true distance adds to the residual
+    lies in the direction that the projection onto the left null space takes out.
 
     The guess minimises the distances to the rays; the refinement is Levenberg-Marquardt on pixel errors in inverse
-    depth from the last view that saw the feature (Montiel et al. 2006, "Unified inverse depth parametrization", eq. 3), which
-    stays well-behaved for far features.
+    depth from the last view that saw the feature (Montiel et al. 2006, "Unified inverse depth parametrization", eq. 3),
+    which stays well-behaved for far features.
     """
     F = len(views.uv)
     if F == 0:
@@ -125,8 +125,8 @@ def _refine(views: Views, weight: Floats, R_CA: Rotations, p_CA: Vectors, x: Flo
         damping = np.where(better, damping * 0.1, damping * 10.0)
         if gain < 1e-3 and better.all():
             break
-    A = np.einsum("fkia,fkib->fab", J, J) + 1e-12 * np.eye(3)
-    return x, cost, np.linalg.inv(A)[:, 2, 2]
+    A = np.einsum("fkia,fkib->fab", J, J) + 1e-9 * np.eye(3)
+    return x, cost, np.maximum(np.linalg.inv(A)[:, 2, 2], 1e-12)
 
 
 def _residuals(views: Views, weight: Floats, R_CA: Rotations, p_CA: Vectors, x: Floats) -> tuple[Floats, Floats]:

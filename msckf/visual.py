@@ -88,11 +88,10 @@ def project_out(r: Floats, H_x: Floats, H_f: Floats) -> tuple[Floats, Floats]:
         r (F, 2 K) and H (F, 2 K, 6 K).
     """
     F, K = r.shape[:2]
-    H = np.zeros((F, K, 2, K, 6))
+    blocks = np.zeros((F, K, 2, K, 6))
     k = np.arange(K)
-    H[:, k, :, k] = np.swapaxes(H_x, 0, 1)
-    H = H.reshape(F, 2 * K, 6 * K)
-    r = r.reshape(F, 2 * K)
+    blocks[:, k, :, k] = np.swapaxes(H_x, 0, 1)
+    H, r = blocks.reshape(F, 2 * K, 6 * K), r.reshape(F, 2 * K)
     Q_1 = np.linalg.qr(H_f.reshape(F, 2 * K, 3))[0]
     Q_t = np.swapaxes(Q_1, -1, -2)
     return r - (Q_1 @ (Q_t @ r[..., None]))[..., 0], H - Q_1 @ (Q_t @ H)
@@ -115,7 +114,7 @@ def compress(r: Floats, H: Floats) -> tuple[Floats, Floats]:
     """The same information in at most as many rows as columns (thin QR): (m,), (m, n) to (min(m, n),), (..., n)."""
     if H.shape[0] <= H.shape[1]:
         return r, H
-    stacked = np.linalg.qr(np.column_stack([H, r]), mode="r")
+    stacked: Floats = np.linalg.qr(np.column_stack([H, r]), mode="r")  # type: ignore[assignment]
     n = H.shape[1]
     return stacked[:n, n], stacked[:n, :n]
 
