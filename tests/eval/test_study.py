@@ -129,7 +129,9 @@ def test_a_study_runs_once_and_only_once(tmp_path):
     assert len(first.records) == 4 and not first.missing and not first.failures and not first.errors
     assert seen[0] == (0, 4) and seen[-1] == (4, 4)
     stamps = {p: p.stat().st_mtime_ns for p in (tmp_path / "cells").iterdir()}
-    again = run_study(study, tmp_path, workers=1)
+    seen.clear()
+    again = run_study(study, tmp_path, workers=1, progress=lambda done, all_: seen.append((done, all_)))
+    assert seen == [(4, 4)]
     assert {p: p.stat().st_mtime_ns for p in (tmp_path / "cells").iterdir()} == stamps
     assert [r.key for r in again.records] == [r.key for r in first.records]
     assert [r.key for r in load(tmp_path).records] == [r.key for r in first.records]
