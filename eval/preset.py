@@ -66,7 +66,7 @@ class SimPreset:
         if not self.rendered_seed:
             return
         for condition in RENDERED:
-            source = RenderedFlight(self.platform, self.seconds, self.rendered_seed, condition.degrade)
+            source = RenderedFlight.of(self.platform, self.seconds, self.rendered_seed, condition.degrade)
             for arm in arms:
                 yield Cell(source, "rendered", condition.name, self.rendered_seed, arm.name, arm.prior)
 

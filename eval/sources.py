@@ -57,16 +57,23 @@ class RenderedFlight:
 
     Attributes:
         platform, seconds, seed, degrade: as in `PointsFlight`.
+        simulator: hash of the code that renders it; images of another simulator are other images.
     """
 
     platform: str
     seconds: float
     seed: int
-    degrade: str = ""
+    degrade: str
+    simulator: str
+
+    @staticmethod
+    def of(platform: str, seconds: float, seed: int, degrade: str = "") -> "RenderedFlight":
+        """A flight in the simulator as it is now."""
+        return RenderedFlight(platform, seconds, seed, degrade, code_digest(("navcore", "sim")))
 
     def folder(self, workspace: Path) -> Path:
-        """Where it is kept, by what it is and by the simulator that made it."""
-        what = hashlib.sha256(f"{self} {code_digest(('navcore', 'sim'))}".encode()).hexdigest()[:8]
+        """Where it is kept, by what it is."""
+        what = hashlib.sha256(repr(self).encode()).hexdigest()[:8]
         return workspace / "recordings" / f"{self.platform}-seed{self.seed}-{what}"
 
     def make(self, workspace: Path) -> None:

@@ -124,7 +124,9 @@ def _nees_of(record: Record) -> Nees | None:
 
 
 def _share(pair: Paired, pairs: list[Paired]) -> str:
-    """Its gain as a share of that of the arm `truth` in the same group, where truth gains for certain."""
+    """Its gain as a share of that of the arm `truth` in the same group, where both are certain."""
+    if pair.low is None or pair.high is None or pair.low <= 1.0 <= pair.high:
+        return _NOTHING
     for other in pairs:
         same = (other.scene, other.condition, other.estimator) == (pair.scene, pair.condition, pair.estimator)
         certain = other.arm == "truth" and other.high is not None and other.high < 1.0

@@ -52,6 +52,9 @@ def run_cell(cell: Cell, versions: dict[str, str], workspace: Path) -> str:
 
     Returns:
         The key of the record.
+
+    Raises:
+        StudyError: the cell cannot be run as the study says; it has no record, and is tried again next time.
     """
     key = cell.key(versions)
     if records.path_of(workspace, key).is_file():
@@ -62,6 +65,8 @@ def run_cell(cell: Cell, versions: dict[str, str], workspace: Path) -> str:
     with threadpool_limits(1):
         try:
             scores, series = _measured(cell, workspace)
+        except StudyError:
+            raise
         except Exception as error:
             failure = f"{type(error).__name__}: {error}"
     scores = scores | {"wall_s": perf_counter() - begun}

@@ -88,7 +88,7 @@ def test_a_rendered_flight_is_made_once_and_read_back(tmp_path, monkeypatch):
         sources.record(platform, seconds, seed, out, degrade=degrade, mode="points")  # images take long
 
     monkeypatch.setattr(sources, "record", record)
-    flight = RenderedFlight("quadrotor", 3.0, 1, "blackout@1-2")
+    flight = RenderedFlight.of("quadrotor", 3.0, 1, "blackout@1-2")
     with pytest.raises(StudyError, match="was not made"):
         flight.load(tmp_path)
     flight.make(tmp_path)
@@ -97,4 +97,4 @@ def test_a_rendered_flight_is_made_once_and_read_back(tmp_path, monkeypatch):
     sequence = flight.load(tmp_path)
     assert sequence.truth is not None and len(sequence.frames) > 50
     assert len(Recording(str(flight.folder(tmp_path))).load(tmp_path).imu) == len(sequence.imu)
-    assert RenderedFlight("quadrotor", 3.0, 2).folder(tmp_path) != flight.folder(tmp_path)
+    assert RenderedFlight.of("quadrotor", 3.0, 2).folder(tmp_path) != flight.folder(tmp_path)

@@ -87,6 +87,16 @@ def test_a_cell_that_raises_is_a_record_with_its_message(tmp_path):
     assert found.failure is not None and "'nonsense' is unknown" in found.failure
 
 
+def test_a_cell_that_cannot_be_run_is_no_result(tmp_path):
+    unknown = replace(cell(), estimator="nonsense")
+    with pytest.raises(StudyError, match="unknown"):
+        run_cell(unknown, MADE_WITH, tmp_path)
+    assert not (tmp_path / "cells").exists()
+    outcome = run_study(Study("unknown", (cell(), unknown)), tmp_path, workers=1)
+    assert len(outcome.records) == 1 and outcome.missing == (unknown.title,)
+    assert len(outcome.errors) == 1 and "'nonsense' is unknown" in outcome.errors[0]
+
+
 def test_a_run_that_goes_blind_keeps_its_frames_and_says_so(tmp_path):
     found = records.read(records.path_of(tmp_path, run_cell(cell(blind_after=100), MADE_WITH, tmp_path)))
     frames = found.scores["frames"]
