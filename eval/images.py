@@ -15,7 +15,7 @@ from navcore.errors import NavcoreError
 
 _WIDTH = 376
 _QUALITY = 80
-_AT_S = (12.0, 27.0)
+_AT_S = (8.0, 22.0)
 """Seconds from the first frame; the degradations of the preset are on at the second one."""
 
 

@@ -29,10 +29,11 @@ POINTS = (
 )
 RENDERED = (
     Condition("clean", ""),
-    Condition("low light", "low_light:4@15-45"),
-    Condition("motion blur", "motion_blur:4@15-45"),
-    Condition("blackout 5 s", "blackout@25-30"),
+    Condition("low light", "low_light:4@15-30"),
+    Condition("motion blur", "motion_blur:4@15-30"),
+    Condition("blackout 5 s", "blackout@20-25"),
 )
+_SHORTEST_S = {"seconds": 50.0, "rendered_seconds": 35.0}
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,9 @@ class SimPreset:
     """One rendered flight under every kind of degradation, and statistics over seeds in points mode."""
 
     platform: str = "quadrotor"  # which body moves
-    seconds: float = 60.0  # length of every recording
-    seeds: int = 10  # flights in points mode, seeds 1 to this
+    seconds: float = 60.0  # length of the recordings in points mode
+    seeds: int = 8  # flights in points mode, seeds 1 to this
+    rendered_seconds: float = 40.0  # length of the rendered flight
     rendered_seed: int = 1  # the flight that is rendered; 0 renders none
 
     def study(self, workspace: Path) -> Study:
@@ -53,8 +55,9 @@ class SimPreset:
         """
         if not 1 <= self.seeds < _FIRST_DEVICE_SEED or not 0 <= self.rendered_seed < _FIRST_DEVICE_SEED:
             raise StudyError(f"seeds {self.seeds}, {self.rendered_seed}; allowed is up to {_FIRST_DEVICE_SEED - 1}")
-        if self.seconds < 50.0:
-            raise StudyError(f"recordings of {self.seconds} s; the degradations need at least 50 s")
+        for name, least in _SHORTEST_S.items():
+            if getattr(self, name) < least:
+                raise StudyError(f"{name} is {getattr(self, name)}; the degradations need at least {least}")
         seeds = range(_FIRST_DEVICE_SEED, _FIRST_DEVICE_SEED + _DEVICE_RECORDINGS)
         device = write_device(workspace, self.platform, seeds)
         arms = (Arm(BASE, "none"), Arm("constant", f"constant:{device}"), Arm("truth", "truth"))
@@ -66,7 +69,7 @@ class SimPreset:
         if not self.rendered_seed:
             return
         for condition in RENDERED:
-            source = RenderedFlight.of(self.platform, self.seconds, self.rendered_seed, condition.degrade)
+            source = RenderedFlight.of(self.platform, self.rendered_seconds, self.rendered_seed, condition.degrade)
             for arm in arms:
                 yield Cell(source, "rendered", condition.name, self.rendered_seed, arm.name, arm.prior)
 

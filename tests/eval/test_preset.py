@@ -59,8 +59,10 @@ def test_sizes_that_cannot_be_are_named(tmp_path):
         SimPreset(seeds=0).study(tmp_path)
     with pytest.raises(StudyError, match="seeds 2000"):
         SimPreset(seeds=2000).study(tmp_path)
-    with pytest.raises(StudyError, match="at least 50 s"):
+    with pytest.raises(StudyError, match=r"^seconds is 30.0; .* at least 50"):
         SimPreset(seconds=30.0).study(tmp_path)
+    with pytest.raises(StudyError, match=r"^rendered_seconds is 30.0; .* at least 35"):
+        SimPreset(rendered_seconds=30.0).study(tmp_path)
     with pytest.raises(StudyError, match="12 or more"):
         write_device(tmp_path, "quadrotor", range(3))
 
