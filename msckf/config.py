@@ -20,6 +20,8 @@ class VisionConfig:
     min_views: int = 4  # views that a feature needs to be used
     min_parallax: float = 3.0  # standard deviations by which an inverse range must exceed zero to be believed
     max_features: int = 40  # used at one frame
+    landmarks: int = 40  # features kept in the state once they outlast the window
+    max_landmark_shift: float = 0.03  # of its distance, by which the window may have been corrected when one is made
     max_depth: float = 100.0  # m
     min_depth: float = 0.1  # m
     gate_probability: float = 0.99  # of the chi-square test, feature by feature

@@ -19,7 +19,8 @@ from msckf.standstill import imu_is_quiet, standstill_update
 from msckf.starter import Starter
 from msckf.state import FilterState
 from msckf.views import Rig
-from msckf.window import VisualOutcome, VisualWindow
+from msckf.visual import VisualOutcome
+from msckf.window import VisualWindow
 from navcore import so3
 from navcore.arrays import Rotations, Vectors
 from navcore.calibration import Calibration

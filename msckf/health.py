@@ -7,7 +7,7 @@ import numpy as np
 from msckf.config import HealthConfig
 from msckf.frontend import Observations
 from msckf.state import POSITION, VELOCITY, FilterState
-from msckf.window import VisualOutcome
+from msckf.visual import VisualOutcome
 from navcore.odometry import Health
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from msckf.propagation import Increment, noise_in_world, predict, transition
 from navcore import so3
-from navcore.arrays import Floats, Rotations, Stamps, Vectors
+from navcore.arrays import Floats, Mask, Rotations, Stamps, Vectors
 from navcore.odometry import State
 
 THETA, POSITION, VELOCITY = slice(0, 3), slice(3, 6), slice(6, 9)
@@ -14,6 +14,7 @@ GYRO_BIAS, ACCEL_BIAS = slice(9, 12), slice(12, 15)
 BIASES = slice(9, 15)
 IMU_SIZE = 15
 CLONE_SIZE = 6
+LANDMARK_SIZE = 3
 
 
 @dataclass
@@ -47,11 +48,34 @@ class Clones:
         return len(self.t_ns)
 
 
+@dataclass
+class Landmarks:
+    """Features that are part of the state.
+
+    Attributes:
+        keys: (L,) feature numbers.
+        p_WF: (L, 3) m, current estimates.
+        p_first: (L, 3) where each was first estimated.
+    """
+
+    keys: Stamps
+    p_WF: Vectors
+    p_first: Vectors
+
+    @staticmethod
+    def none() -> "Landmarks":
+        """No landmarks."""
+        return Landmarks(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+
 class FilterState:
     """Nominal state and covariance, changed only together.
 
     Error order: `dtheta, dp, dv, db_g, db_a`, then the prior's error `c` (6, if it is estimated), then clones
-    (`dtheta, dp` each). With `fej` off, linearisation points follow the current estimates.
+    (`dtheta, dp` each), then landmarks (3 each). With `fej` off, linearisation points follow the current estimates.
     """
 
     def __init__(self, start: State, *, fej: bool = True) -> None:
@@ -59,6 +83,7 @@ class FilterState:
         self.b_g, self.b_a = start.b_g.copy(), start.b_a.copy()
         self.c: Floats | None = None
         self.clones = Clones.none()
+        self.landmarks = Landmarks.none()
         self._fej = fej
         self._P = start.covariance.copy()
         self._keep_first_estimates()
@@ -91,6 +116,20 @@ class FilterState:
         """Where clone `k` is."""
         first = self.clone_start + CLONE_SIZE * k
         return slice(first, first + CLONE_SIZE)
+
+    @property
+    def clone_stop(self) -> int:
+        """Index behind the last clone's last error state: where landmarks begin."""
+        return self.clone_start + CLONE_SIZE * len(self.clones)
+
+    def landmark_columns(self, rows: Stamps) -> Stamps:
+        """Indices (3 n,) of the error states of landmarks `rows` (n,)."""
+        return (self.clone_stop + LANDMARK_SIZE * rows[:, None] + np.arange(LANDMARK_SIZE)).ravel()
+
+    @property
+    def linearisation_landmarks(self) -> Vectors:
+        """Positions (L, 3) at which measurements of landmarks are linearised."""
+        return self.landmarks.p_first if self._fej else self.landmarks.p_WF
 
     @property
     def linearisation_clones(self) -> tuple[Rotations, Vectors]:
@@ -130,10 +169,9 @@ class FilterState:
 
     def add_clone(self, t_ns: int) -> None:
         """Append the current pose as a clone."""
-        pose = np.r_[THETA, POSITION]
-        P_row = self._P[pose]
-        corner = P_row[:, pose]
-        self._P = np.block([[self._P, P_row.T], [P_row, corner]])
+        i = self.clone_stop
+        source = np.r_[0:i, THETA, POSITION, i : self.size]
+        self._P = self._P[np.ix_(source, source)]
         c = self.clones
         R_first, p_first, _ = self._first
         self.clones = Clones(
@@ -158,10 +196,32 @@ class FilterState:
             np.delete(c.p_first, k, axis=0),
         )
 
-    def drop_clones(self) -> None:
-        """Marginalise all clones."""
-        self._P = self._P[: self.clone_start, : self.clone_start].copy()
-        self.clones = Clones.none()
+    def add_landmarks(self, keys: Stamps, p_WF: Vectors, by_clones: Floats, covariance: Floats) -> None:
+        """Append landmarks that are linear in the clones.
+
+        Args:
+            keys: (n,), p_WF: (n, 3) m.
+            by_clones: (3 n, 6 K) derivative of the positions by the clones' errors.
+            covariance: (3 n, 3 n) of the rest, independent of the state.
+        """
+        cross = by_clones @ self._P[self.clone_start : self.clone_stop]  # (3 n, size)
+        corner = cross[:, self.clone_start : self.clone_stop] @ by_clones.T + covariance
+        self._P = np.block([[self._P, cross.T], [cross, 0.5 * (corner + corner.T)]])
+        m = self.landmarks
+        self.landmarks = Landmarks(
+            np.concatenate([m.keys, keys]),
+            np.concatenate([m.p_WF, p_WF]),
+            np.concatenate([m.p_first, p_WF]),
+        )
+
+    def drop_landmarks(self, mask: Mask) -> None:
+        """Marginalise the landmarks of `mask` (L,)."""
+        if not mask.any():
+            return
+        keep = np.r_[0 : self.clone_stop, self.landmark_columns(np.flatnonzero(~mask))]
+        self._P = self._P[np.ix_(keep, keep)]
+        m = self.landmarks
+        self.landmarks = Landmarks(m.keys[~mask], m.p_WF[~mask], m.p_first[~mask])
 
     def add_prior_error(self, mean: Floats, gain: Floats, conditional: Floats) -> None:
         """Begin to estimate the prior's error `c`, given how it hangs together with the biases.
@@ -213,6 +273,8 @@ class FilterState:
         if self.c is not None:
             self.c = self.c + dx[self.prior_error]
         if len(self.clones):
-            d = dx[self.clone_start :].reshape(-1, CLONE_SIZE)
+            d = dx[self.clone_start : self.clone_stop].reshape(-1, CLONE_SIZE)
             self.clones.R_WB = so3.normalise(self.clones.R_WB @ so3.exp(d[:, :3]))
             self.clones.p_WB = self.clones.p_WB + d[:, 3:]
+        if len(self.landmarks):
+            self.landmarks.p_WF = self.landmarks.p_WF + dx[self.clone_stop :].reshape(-1, LANDMARK_SIZE)

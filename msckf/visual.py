@@ -33,6 +33,21 @@ class VisualMeasurement:
     dof: Floats
 
 
+@dataclass(frozen=True)
+class VisualOutcome:
+    """What vision did to the state.
+
+    Attributes:
+        used, rejected: features.
+        nis, dof: (N,) of the features that were tested.
+    """
+
+    used: int = 0
+    rejected: int = 0
+    nis: Floats | None = None
+    dof: Floats | None = None
+
+
 def linearise(
     views: Views,
     R_WB: Rotations,
@@ -40,12 +55,14 @@ def linearise(
     R_lin: Rotations,
     p_lin: Vectors,
     features: Vectors,
+    *,
+    follow: bool = True,
 ) -> tuple[Floats, Floats, Floats]:
     """Residuals and Jacobians of every view.
 
     Residuals are taken at the current poses R_WB (K, 3, 3), p_WB (K, 3) and features (F, 3); Jacobians at R_lin,
-    p_lin, with each feature moved along with its last view, so that the geometry of the linearisation is
-    that of the estimate however far the window has shifted since.
+    p_lin, with each feature moved along with its last view (unless `follow` is off), so that the geometry of the
+    linearisation is that of the estimate however far the window has shifted since.
 
     Returns:
         r (F, K, 2), H_x (F, K, 2, 6) by (dtheta, dp) of the clone that saw it, H_f (F, K, 2, 3); zero where not seen.
@@ -57,7 +74,7 @@ def linearise(
 
     last = views.seen.shape[1] - 1 - np.argmax(views.seen[:, ::-1], axis=1)
     in_last = np.swapaxes(R_WB[last], -1, -2) @ (features - p_WB[last])[..., None]
-    moved = p_lin[last] + (R_lin[last] @ in_last)[..., 0]
+    moved = p_lin[last] + (R_lin[last] @ in_last)[..., 0] if follow else features
     _, J = rig.project_jacobian(cameras, _in_camera(views, R_lin, p_lin, moved))
     J = J * weight[..., None]
     R_CB = np.swapaxes(rig.R_BC, -1, -2)[cameras][:, None]  # (F, 1, 3, 3)
@@ -74,8 +91,24 @@ def _in_camera(views: Views, R_WB: Rotations, p_WB: Vectors, features: Vectors) 
     return (np.swapaxes(R_WC, -1, -2) @ (features[:, None] - p_WC)[..., None])[..., 0]
 
 
-def project_out(r: Floats, H_x: Floats, H_f: Floats) -> tuple[Floats, Floats]:
-    """Remove what the features' positions could explain.
+@dataclass(frozen=True)
+class Split:
+    """Observations of F features, split into what their positions can explain and what they cannot.
+
+    Attributes:
+        r: (F, 2 K), H: (F, 2 K, 6 K): what no position explains.
+        r_1: (F, 3), H_1: (F, 3, 6 K), R_1: (F, 3, 3): r_1 = H_1 dx + R_1 dp + noise, which determines the position.
+    """
+
+    r: Floats
+    H: Floats
+    r_1: Floats
+    H_1: Floats
+    R_1: Floats
+
+
+def split(r: Floats, H_x: Floats, H_f: Floats) -> Split:
+    """Separate what the features' positions can explain from what they cannot.
 
     With H_f = Q_1 R_1 (reduced QR), I - Q_1 Q_1^T projects onto the left null space of H_f. Least squares and the
     chi-square test see the projection as they see a basis of that space (Mourikis and Roumeliotis 2007, eq. 24):
@@ -83,18 +116,22 @@ def project_out(r: Floats, H_x: Floats, H_f: Floats) -> tuple[Floats, Floats]:
 
     Args:
         r: (F, K, 2), H_x: (F, K, 2, 6), H_f: (F, K, 2, 3), zero where not seen.
-
-    Returns:
-        r (F, 2 K) and H (F, 2 K, 6 K).
     """
     F, K = r.shape[:2]
     blocks = np.zeros((F, K, 2, K, 6))
     k = np.arange(K)
     blocks[:, k, :, k] = np.swapaxes(H_x, 0, 1)
     H, r = blocks.reshape(F, 2 * K, 6 * K), r.reshape(F, 2 * K)
-    Q_1 = np.linalg.qr(H_f.reshape(F, 2 * K, 3))[0]
+    Q_1, R_1 = np.linalg.qr(H_f.reshape(F, 2 * K, 3))
     Q_t = np.swapaxes(Q_1, -1, -2)
-    return r - (Q_1 @ (Q_t @ r[..., None]))[..., 0], H - Q_1 @ (Q_t @ H)
+    r_1, H_1 = (Q_t @ r[..., None])[..., 0], Q_t @ H
+    return Split(r - (Q_1 @ r_1[..., None])[..., 0], H - Q_1 @ H_1, r_1, H_1, R_1)
+
+
+def project_out(r: Floats, H_x: Floats, H_f: Floats) -> tuple[Floats, Floats]:
+    """r (F, 2 K) and H (F, 2 K, 6 K) free of the features' positions; arguments as `split`."""
+    parts = split(r, H_x, H_f)
+    return parts.r, parts.H
 
 
 def normalised_innovations(r: Floats, H: Floats, P: Floats, pixel_noise: float) -> Floats:

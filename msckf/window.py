@@ -1,32 +1,16 @@
 """The sliding window: clones come and go, and features that end become measurements (docs/filter.md, section 4)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from msckf.config import VisionConfig
 from msckf.features import FeatureTable
 from msckf.frontend import Observations
+from msckf.slam import add_landmarks, update_landmarks
 from msckf.standstill import image_motion
 from msckf.state import CLONE_SIZE, FilterState
 from msckf.views import Rig, Views
-from msckf.visual import measure
-from navcore.arrays import Floats, Mask
-
-
-@dataclass(frozen=True)
-class VisualOutcome:
-    """What vision did at one frame.
-
-    Attributes:
-        used, rejected: features.
-        nis, dof: (N,) of the features that were tested.
-    """
-
-    used: int = 0
-    rejected: int = 0
-    nis: Floats | None = None
-    dof: Floats | None = None
+from msckf.visual import VisualOutcome, measure
+from navcore.arrays import Mask
 
 
 class VisualWindow:
@@ -54,19 +38,38 @@ class VisualWindow:
     def advance(self, state: FilterState, t_ns: int, observations: Observations) -> VisualOutcome:
         """Clone the current pose, use the features that end, drop the oldest clone when the window is full."""
         state.add_clone(t_ns)
-        self.table.add_column(observations.keys, observations.cameras, observations.uv)
+        known = np.isin(observations.keys, state.landmarks.keys)
+        fresh = Observations(observations.keys[~known], observations.cameras[~known], observations.uv[~known])
+        self.table.add_column(fresh.keys, fresh.cameras, fresh.uv)
         full = len(state.clones) >= self.config.clones
-        views = self.table.views
-        ended = ~self.table.alive
-        candidates = ended | (self.table.seen[:, 0] if full else False)
-        candidates = candidates & (views >= self.config.min_views)
-        chosen = self._longest(candidates)
-        outcome = self._use(state, chosen)
+        leaving = self.table.seen[:, 0] if full else np.zeros(len(self.table), dtype=bool)
+        candidates = (~self.table.alive | leaving) & (self.table.views >= self.config.min_views)
+        lasting = candidates & self.table.alive & self.table.seen.all(axis=1)
+        corrected = update_landmarks(state, self.rig, observations, self.config)
+        made = self._promote(state, lasting)
+        self.table.drop_rows(made)
+        outcome = self._use(state, self._longest(candidates[~made]))
         self.table.drop_rows(~self.table.alive)
         if full:
             state.drop_clone(0)
             self.table.drop_column(0)
-        return outcome
+        return VisualOutcome(
+            outcome.used + corrected.used + int(made.sum()),
+            outcome.rejected + corrected.rejected,
+            outcome.nis,
+            outcome.dof,
+        )
+
+    def _promote(self, state: FilterState, lasting: Mask) -> Mask:
+        """Make landmarks of features that outlast the window, as far as there is room; says which."""
+        room = self.config.landmarks - len(state.landmarks)
+        chosen = np.zeros(len(lasting), dtype=bool)
+        chosen[np.flatnonzero(lasting)[: max(room, 0)]] = True
+        if not chosen.any():
+            return chosen
+        views = Views(self.rig, self.table.cameras[chosen], self.table.uv[chosen], self.table.seen[chosen])
+        chosen[chosen] = add_landmarks(state, views, self.table.keys[chosen], self.config)
+        return chosen
 
     def _longest(self, candidates: Mask) -> Mask:
         """The features with the most views among the candidates, as many as may be used."""
@@ -85,7 +88,7 @@ class VisualWindow:
         R_lin, p_lin = state.linearisation_clones
         first = state.clone_start
         columns = np.arange(first, first + CLONE_SIZE * len(clones))
-        P = state.covariance[first:, first:]
+        P = state.covariance[first : columns[-1] + 1, first : columns[-1] + 1]
         m = measure(views, clones.R_WB, clones.p_WB, R_lin, p_lin, P, self.config)
         if m is None:
             return VisualOutcome()

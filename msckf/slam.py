@@ -1,0 +1,116 @@
+"""Landmarks: features that live longer than the window and become part of the state (docs/filter.md, section 4)."""
+
+import numpy as np
+
+from msckf.config import VisionConfig
+from msckf.frontend import Observations
+from msckf.state import FilterState
+from msckf.triangulation import triangulate
+from msckf.views import Rig, Views
+from msckf.visual import VisualOutcome, chi_square_quantile, compress, linearise, split
+from navcore import so3
+from navcore.arrays import Floats, Mask, Stamps
+
+
+def add_landmarks(state: FilterState, views: Views, keys: Stamps, config: VisionConfig) -> Mask:
+    """Make landmarks of features seen all over the window (delayed initialisation).
+
+    The part of a feature's observations that determines its position gives the landmark with its correlations; the
+    rest is a measurement of the clones like any other (Li and Mourikis 2013, "Optimization-based estimator design for
+    vision-aided inertial navigation", section IV).
+
+    Returns:
+        (F,) which became landmarks; the observations of those are spent.
+    """
+    clones = state.clones
+    points = triangulate(views, clones.R_WB, clones.p_WB, config)
+    R_lin, p_lin = state.linearisation_clones
+    # A landmark is linearised where it is now: the window's first estimates must not have been left far behind.
+    distance = np.linalg.norm(points.p_WF - clones.p_WB[-1], axis=1)
+    shift = np.linalg.norm(clones.p_WB - p_lin, axis=1).max()
+    fit: Mask = points.near & (points.rms < 3.0 * config.pixel_noise) & (shift < config.max_landmark_shift * distance)
+    if not fit.any():
+        return fit
+    kept = views.rows(fit)
+    r, H_x, H_f = linearise(kept, clones.R_WB, clones.p_WB, R_lin, p_lin, points.p_WF[fit], follow=False)
+    parts = split(r, H_x, H_f)
+    first, last = state.clone_start, state.clone_stop
+    P, s = state.covariance[first:last, first:last], config.pixel_noise
+    S = parts.H @ P @ np.swapaxes(parts.H, -1, -2) + s * s * np.eye(parts.H.shape[1])
+    nis = np.einsum("fi,fi->f", parts.r, np.linalg.solve(S, parts.r[..., None])[..., 0])
+    passed = nis <= chi_square_quantile(config.gate_probability, 2.0 * kept.seen.sum(axis=1) - 3.0)
+    made: Mask = fit.copy()
+    made[fit] = passed
+    if not passed.any():
+        return made
+    R_1_inverse = np.linalg.inv(parts.R_1[passed])
+    by_clones = -R_1_inverse @ parts.H_1[passed]  # (n, 3, 6 K)
+    own = R_1_inverse @ np.swapaxes(R_1_inverse, -1, -2) * s * s
+    n = len(own)
+    covariance = np.zeros((n, 3, n, 3))
+    covariance[np.arange(n), :, np.arange(n)] = own
+    step = (R_1_inverse @ parts.r_1[passed][..., None])[..., 0]
+    positions = points.p_WF[made] + step
+    state.add_landmarks(keys[made], positions, by_clones.reshape(3 * n, -1), covariance.reshape(3 * n, 3 * n))
+    H, r = parts.H[passed].reshape(-1, parts.H.shape[-1]), parts.r[passed].ravel()
+    r, H = compress(r, H)
+    state.update(H, np.arange(first, last), r, s * s * np.eye(len(r)))
+    return made
+
+
+def update_landmarks(state: FilterState, rig: Rig, observations: Observations, config: VisionConfig) -> VisualOutcome:
+    """Drop the landmarks that the newest clone did not see, correct the state by the others."""
+    seen, where = _match(state.landmarks.keys, observations.keys)
+    state.drop_landmarks(~seen)
+    n = len(state.landmarks)
+    if n == 0:
+        return VisualOutcome()
+    k = len(state.clones) - 1
+    where = where[seen]
+    cameras, uv = observations.cameras[where], observations.uv[where]
+    R_BC, p_BC = rig.R_BC[cameras], rig.p_BC[cameras]
+    R_CB = np.swapaxes(R_BC, -1, -2)
+
+    def in_camera(R_WB: Floats, p_WB: Floats, p_WF: Floats) -> tuple[Floats, Floats]:
+        p_BF = (p_WF - p_WB) @ R_WB
+        return p_BF, (R_CB @ (p_BF - p_BC)[..., None])[..., 0]
+
+    _, p_CF = in_camera(state.clones.R_WB[k], state.clones.p_WB[k], state.landmarks.p_WF)
+    uv_hat, _ = rig.project_jacobian(cameras, p_CF[:, None])
+    R_lin, p_lin = (x[k] for x in state.linearisation_clones)
+    p_BF, p_CF_lin = in_camera(R_lin, p_lin, state.linearisation_landmarks)
+    _, J = rig.project_jacobian(cameras, p_CF_lin[:, None])
+    J_B = J[:, 0] @ R_CB  # (n, 2, 3)
+    H_f = J_B @ R_lin.T
+    H_x = np.concatenate([J_B @ so3.hat(p_BF), -H_f], axis=-1)
+    r = uv - uv_hat[:, 0]
+
+    clone = state.clone(k)
+    rows = np.arange(n)
+    landmark = state.landmark_columns(rows).reshape(n, 3)
+    columns = np.concatenate([np.tile(np.arange(clone.start, clone.stop), (n, 1)), landmark], axis=1)  # (n, 9)
+    H_each = np.concatenate([H_x, H_f], axis=-1)  # (n, 2, 9)
+    P_each = state.covariance[columns[:, :, None], columns[:, None, :]]
+    S = H_each @ P_each @ np.swapaxes(H_each, -1, -2) + config.pixel_noise**2 * np.eye(2)
+    nis = np.einsum("fi,fi->f", r, np.linalg.solve(S, r[..., None])[..., 0])
+    passed = (nis <= chi_square_quantile(config.gate_probability, 2.0)) & (p_CF[:, 2] > config.min_depth)
+    good = np.flatnonzero(passed)
+    if len(good):
+        m = len(good)
+        H = np.zeros((2 * m, 6 + 3 * m))
+        H[:, :6] = H_x[good].reshape(-1, 6)
+        block = H[:, 6:].reshape(m, 2, m, 3)
+        block[np.arange(m), :, np.arange(m)] = H_f[good]
+        where_all = np.concatenate([np.arange(clone.start, clone.stop), state.landmark_columns(good)])
+        state.update(H, where_all, r[good].ravel(), config.pixel_noise**2 * np.eye(2 * m))
+    state.drop_landmarks(nis > chi_square_quantile(0.9999, 2.0))
+    return VisualOutcome(len(good), n - len(good), nis, np.full(n, 2.0))
+
+
+def _match(keys: Stamps, observed: Stamps) -> tuple[Mask, Stamps]:
+    """Which of `keys` were observed, and at which index."""
+    order = np.argsort(observed, kind="stable")
+    at = np.minimum(np.searchsorted(observed[order], keys), max(len(observed) - 1, 0))
+    if len(observed) == 0:
+        return np.zeros(len(keys), dtype=bool), np.zeros(len(keys), dtype=np.int64)
+    return observed[order][at] == keys, order[at]
