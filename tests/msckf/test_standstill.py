@@ -1,0 +1,108 @@
+"""Standing still: when it is believed, and what it then says."""
+
+import numpy as np
+import pytest
+from jacobians import assert_jacobian
+from scipy.spatial.transform import Rotation
+
+from msckf.config import StandstillConfig
+from msckf.imu_buffer import Cells, ImuBuffer
+from msckf.propagation import G_W, integrate
+from msckf.standstill import image_motion, imu_is_quiet, standstill_update
+from msckf.state import FilterState
+from navcore.imu import ImuNoise, ImuSamples
+from tests.msckf.scenes import start_state
+
+CONFIG = StandstillConfig()
+NOISE = ImuNoise(1.7e-4, 1.9e-5, 2.0e-3, 3.0e-3, 200.0)
+
+
+def standing():
+    """A state that has not moved since its newest clone, but believes so after some time of noise."""
+    state = FilterState(start_state())
+    state.add_clone(0)
+    rest = Cells(np.full(20, 0.005), np.full((20, 3), 0.1), np.tile(-state.R_WB.T @ G_W, (20, 1)), np.zeros(20))
+    state.propagate(integrate(rest, state.b_g, state.b_a, NOISE))
+    return state
+
+
+def test_jacobian_and_residual(monkeypatch):
+    state, heard = standing(), {}
+    state.R_WB = state.R_WB @ Rotation.from_rotvec([0.2, -0.1, 0.3]).as_matrix()
+    monkeypatch.setattr(FilterState, "update", lambda self, H, columns, r, R: heard.update(H=H, at=columns, r=r, R=R))
+    standstill_update(state, CONFIG)
+    first = state.clone(0).start
+    assert heard["at"].tolist() == [*range(9), *range(first, first + 6)]
+
+    def predicted(x):
+        R, p, v, R_0, p_0 = x
+        return np.concatenate([Rotation.from_matrix(R_0.T @ R).as_rotvec(), p - p_0, v])
+
+    def moved(x, d):
+        R, p, v, R_0, p_0 = x
+        turned = [M @ Rotation.from_rotvec(w).as_matrix() for M, w in ((R, d[0:3]), (R_0, d[9:12]))]
+        return turned[0], p + d[3:6], v + d[6:9], turned[1], p_0 + d[12:15]
+
+    x = (state.R_WB, state.p_WB, state.v_WB, state.clones.R_WB[0], state.clones.p_WB[0])
+    assert_jacobian(predicted, x, heard["H"], moved)
+    np.testing.assert_allclose(heard["r"], -predicted(x), atol=1e-12)
+    sigmas = [CONFIG.rotation_sigma, CONFIG.position_sigma, CONFIG.velocity_sigma]
+    np.testing.assert_allclose(np.diag(heard["R"]), np.repeat(sigmas, 3) ** 2)
+
+
+def test_the_body_is_where_it_was_and_stands():
+    state = standing()
+    assert np.linalg.norm(state.p_WB - state.clones.p_WB[0]) > 0.05
+    standstill_update(state, CONFIG)
+    assert np.linalg.norm(state.v_WB) < 0.02  # began at one metre a second
+    assert np.linalg.norm(state.p_WB - state.clones.p_WB[0]) < 0.005
+    assert np.linalg.norm(Rotation.from_matrix(state.R_WB.T @ state.clones.R_WB[0]).as_rotvec()) < 0.002
+    assert np.sqrt(np.diagonal(state.covariance)[6:9]).max() < 1.01 * CONFIG.velocity_sigma
+
+
+def buffer_of(gyro_std, accel_std, n=200):
+    rng = np.random.default_rng(0)
+    t_ns = 5_000_000 * np.arange(n)
+    buffer = ImuBuffer(200.0)
+    gyro = gyro_std * rng.standard_normal((n, 3)) + [0.1, 0.2, -0.3]  # a bias is no motion
+    buffer.append(ImuSamples(t_ns, gyro, [0.0, 1.0, 9.7] + accel_std * rng.standard_normal((n, 3))))
+    return buffer
+
+
+@pytest.mark.parametrize(
+    ("gyro_std", "accel_std", "quiet"), [(0.01, 0.07, True), (0.05, 0.07, False), (0.01, 0.4, False)]
+)
+def test_quiet_is_what_is_steady(gyro_std, accel_std, quiet):
+    buffer = buffer_of(gyro_std, accel_std)
+    assert imu_is_quiet(buffer, 900_000_000, CONFIG, 0.4) == quiet
+
+
+def test_too_few_samples_are_not_quiet():
+    assert not imu_is_quiet(buffer_of(0.001, 0.01), 40_000_000, CONFIG, 0.4)
+    assert not imu_is_quiet(ImuBuffer(200.0), 0, CONFIG, 0.4)
+
+
+def pixels(n=100):
+    return np.random.default_rng(0).uniform([0, 0], [752, 480], (n, 2))
+
+
+def test_noise_is_no_motion_but_any_turn_is():
+    before, rng = pixels(), np.random.default_rng(1)
+    noise = 0.7 * rng.standard_normal(before.shape)
+    assert image_motion(before, before + noise) < 0.35
+    assert image_motion(before, before + noise + [1.5, 0.0]) == pytest.approx(1.5, abs=0.3)
+    roll = 0.01 * (before - [376, 240]) @ np.array([[0.0, -1.0], [1.0, 0.0]])
+    expected = np.sqrt(np.mean(np.sum(roll**2, axis=1)))
+    assert image_motion(before, before + noise + roll) == pytest.approx(expected, rel=0.15)
+
+
+def test_things_that_move_by_themselves_are_left_out():
+    before = pixels()
+    now = before + 0.1 * np.random.default_rng(1).standard_normal(before.shape)
+    now[:25] += [40.0, -20.0]
+    assert image_motion(before, now) < 0.1
+
+
+def test_a_few_features_cannot_tell():
+    assert image_motion(pixels(11), pixels(11)) is None
+    assert image_motion(pixels(12), pixels(12)) == pytest.approx(0.0, abs=1e-9)

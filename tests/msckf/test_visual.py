@@ -1,0 +1,154 @@
+"""Vision as a measurement: its Jacobians, what is left when features are projected out, and its statistics."""
+
+import numpy as np
+import pytest
+from jacobians import assert_jacobian
+from scipy.linalg import null_space
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from msckf.config import VisionConfig
+from msckf.views import Rig, Views
+from msckf.visual import (
+    chi_square_quantile,
+    compress,
+    linearise,
+    measure,
+    normalised_innovations,
+    project_out,
+)
+from tests.msckf import scenes
+
+RIGS = {
+    "radtan": (scenes.mount(scenes.RADTAN),),
+    "equidistant": (scenes.mount(scenes.EQUIDISTANT),),
+    "both": (scenes.mount(scenes.RADTAN), scenes.mount(scenes.EQUIDISTANT)),
+}
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_jacobians_by_pose_and_feature(rig):
+    views, R_WB, p_WB, p_WF = scenes.views(F=4, K=5, mounts=RIGS[rig])
+    r, H_x, H_f = linearise(views, R_WB, p_WB, R_WB, p_WB, p_WF)
+    np.testing.assert_allclose(r, 0.0, atol=1e-9)
+    for f in range(4):
+        m = views.rig.mounts[views.cameras[f]]
+        for k in range(5):
+
+            def pixel(x, m=m):
+                R, p, p_WF = x
+                return m.camera.project(m.R_BC.T @ (R.T @ (p_WF - p) - m.p_BC))
+
+            def moved(x, d):
+                R, p, p_WF = x
+                return R @ Rotation.from_rotvec(d[:3]).as_matrix(), p + d[3:6], p_WF + d[6:9]
+
+            J = np.hstack([H_x[f, k], H_f[f, k]])
+            assert_jacobian(pixel, (R_WB[k], p_WB[k], p_WF[f]), J, moved)
+
+
+def test_residuals_are_taken_at_the_estimate_and_jacobians_where_told():
+    """Moving all linearisation poses as one body changes no image, so the feature has to move along."""
+    views, R_WB, p_WB, p_WF = scenes.views(F=5, K=6, noise=1.0)
+    turn, shift = Rotation.from_rotvec([0.1, -0.2, 0.3]).as_matrix(), np.array([0.4, 0.1, -0.2])
+    R_lin, p_lin = turn @ R_WB, p_WB @ turn.T + shift
+    r, H_x, H_f = linearise(views, R_WB, p_WB, R_lin, p_lin, p_WF)
+    r_lin, H_x_lin, H_f_lin = linearise(views, R_lin, p_lin, R_lin, p_lin, p_WF @ turn.T + shift)
+    np.testing.assert_allclose(r, r_lin, atol=1e-9)
+    np.testing.assert_allclose(H_x, H_x_lin, atol=1e-8)
+    np.testing.assert_allclose(H_f, H_f_lin, atol=1e-8)
+
+
+def test_what_was_not_seen_says_nothing():
+    views, R_WB, p_WB, p_WF = scenes.views(share_seen=0.5, noise=1.0)
+    assert not views.seen.all()
+    for array in linearise(views, R_WB, p_WB, R_WB, p_WB, p_WF):
+        assert not array[~views.seen].any()
+        assert array[views.seen].any()
+
+
+def linear_system(share_seen=0.6):
+    views, R_WB, p_WB, p_WF = scenes.views(share_seen=share_seen, noise=1.0)
+    rng = np.random.default_rng(2)
+    A = rng.standard_normal((48, 60))
+    return views, linearise(views, R_WB, p_WB, R_WB, p_WB, p_WF), 1e-5 * A @ A.T
+
+
+def explicit(views, r, H_x, H_f, f):
+    """Residual and Jacobian of one feature by a basis of the left null space."""
+    seen = np.flatnonzero(views.seen[f])
+    H = np.zeros((2 * len(seen), 6 * views.seen.shape[1]))
+    for row, k in enumerate(seen):
+        H[2 * row : 2 * row + 2, 6 * k : 6 * k + 6] = H_x[f, k]
+    A = null_space(H_f[f, seen].reshape(-1, 3).T).T
+    assert len(A) == 2 * len(seen) - 3
+    return A @ r[f, seen].ravel(), A @ H
+
+
+def test_projection_keeps_what_a_left_null_space_basis_keeps():
+    views, (r, H_x, H_f), P = linear_system()
+    r_0, H_0 = project_out(r, H_x, H_f)
+    nis = normalised_innovations(r_0, H_0, P, pixel_noise=1.3)
+    for f in range(len(r)):
+        r_f, H = explicit(views, r, H_x, H_f, f)
+        np.testing.assert_allclose(H_0[f].T @ H_0[f], H.T @ H, atol=1e-7)
+        np.testing.assert_allclose(H_0[f].T @ r_0[f], H.T @ r_f, atol=1e-7)
+        S = H @ P @ H.T + 1.3**2 * np.eye(len(H))
+        assert nis[f] == pytest.approx(r_f @ np.linalg.solve(S, r_f), rel=1e-9)
+
+
+def test_compression_keeps_the_information():
+    rng = np.random.default_rng(0)
+    H, r = rng.standard_normal((200, 30)), rng.standard_normal(200)
+    r_small, H_small = compress(r, H)
+    assert H_small.shape == (30, 30)
+    np.testing.assert_allclose(H_small.T @ H_small, H.T @ H, atol=1e-10)
+    np.testing.assert_allclose(H_small.T @ r_small, H.T @ r, atol=1e-10)
+    r_same, H_same = compress(r[:20], H[:20])
+    np.testing.assert_array_equal(H_same, H[:20])
+    np.testing.assert_array_equal(r_same, r[:20])
+
+
+def test_quantiles_are_scipys():
+    dof = np.arange(1.0, 60.0)
+    for probability in (0.5, 0.95, 0.99, 0.999):
+        np.testing.assert_allclose(chi_square_quantile(probability, dof), chi2.ppf(probability, dof), rtol=1e-10)
+
+
+def test_innovations_are_chi_square_with_the_stated_degrees():
+    """Poses are off by draws from P, pixels by their noise: then r^T S^-1 r is chi-square, 2 views - 3 per feature."""
+    K, total, dof = 8, 0.0, 0.0
+    sigma = np.tile(np.repeat([0.002, 0.01], 3), K)
+    config = VisionConfig(gate_probability=1.0 - 1e-12)
+    shares = []
+    for seed in range(30):
+        views, R_WB, p_WB, _ = scenes.views(F=20, K=K, seed=seed, noise=1.0, share_seen=0.7)
+        d = (sigma * np.random.default_rng(seed).standard_normal(6 * K)).reshape(K, 6)
+        R_hat, p_hat = R_WB @ Rotation.from_rotvec(d[:, :3]).as_matrix(), p_WB + d[:, 3:]
+        m = measure(views, R_hat, p_hat, R_hat, p_hat, np.diag(sigma**2), config)
+        assert m.used.sum() >= 19  # nothing is refused for its innovation
+        total, dof = total + m.nis[m.used].sum(), dof + m.dof[m.used].sum()
+        shares.append((m.nis[m.used] > chi2.ppf(0.95, m.dof[m.used])).mean())
+    assert total / dof == pytest.approx(1.0, abs=0.05)
+    assert np.mean(shares) == pytest.approx(0.05, abs=0.03)
+
+
+def test_a_feature_that_moved_by_itself_is_refused():
+    views, R_WB, p_WB, _ = scenes.views(noise=0.5)
+    uv = views.uv.copy()
+    uv[3, 4:] += [12.0, -9.0]
+    cheated = Views(views.rig, views.cameras, uv, views.seen)
+    m = measure(cheated, R_WB, p_WB, R_WB, p_WB, 1e-6 * np.eye(48), VisionConfig())
+    assert m.rejected.tolist() == [f == 3 for f in range(12)]
+    assert m.used.tolist() == [f != 3 for f in range(12)]
+    clean = measure(cheated.rows(~m.rejected), R_WB, p_WB, R_WB, p_WB, 1e-6 * np.eye(48), VisionConfig())
+    np.testing.assert_allclose(m.H.T @ m.H, clean.H.T @ clean.H, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(m.H.T @ m.r, clean.H.T @ clean.r, rtol=1e-6, atol=1e-6)
+
+
+def test_nothing_seen_nothing_said():
+    views, R_WB, p_WB, _ = scenes.views()
+    none = views.rows(np.zeros(12, dtype=bool))
+    assert measure(none, R_WB, p_WB, R_WB, p_WB, np.eye(48), VisionConfig()) is None
+    behind = Views(Rig(views.rig.mounts), views.cameras, views.uv[:, ::-1], views.seen)  # parallax the wrong way
+    assert measure(behind, R_WB, p_WB, R_WB, p_WB, np.eye(48), VisionConfig()) is None
