@@ -11,7 +11,7 @@ class FeatureTable:
     Attributes:
         keys: (F,) feature number, unique over cameras; sorted.
         cameras: (F,) camera index.
-        uv: (F, K, 2) px.
+        uv: (F, K, 2) px; bearings: (F, K, 3) the same as unit vectors in C.
         seen: (F, K).
         alive: (F,) whether the newest frame saw it.
     """
@@ -19,7 +19,7 @@ class FeatureTable:
     def __init__(self) -> None:
         self.keys: Stamps = np.zeros(0, dtype=np.int64)
         self.cameras: Stamps = np.zeros(0, dtype=np.int64)
-        self.uv: Floats = np.zeros((0, 0, 2))
+        self._seen_at: Floats = np.zeros((0, 0, 5))
         self.seen: Mask = np.zeros((0, 0), dtype=bool)
         self.alive: Mask = np.zeros(0, dtype=bool)
 
@@ -27,31 +27,39 @@ class FeatureTable:
         return len(self.keys)
 
     @property
+    def uv(self) -> Floats:
+        """(F, K, 2) px."""
+        return self._seen_at[..., :2]
+
+    @property
+    def bearings(self) -> Floats:
+        """(F, K, 3) unit vectors in C."""
+        return self._seen_at[..., 2:]
+
+    @property
     def views(self) -> Stamps:
         """(F,) how many clones saw each feature."""
         return np.asarray(self.seen.sum(axis=1))
 
-    def add_column(self, keys: Stamps, cameras: Stamps, uv: Floats) -> None:
-        """A new clone saw the features `keys` (N,) of cameras (N,) at `uv` (N, 2)."""
+    def add_column(self, keys: Stamps, cameras: Stamps, uv: Floats, bearings: Floats) -> None:
+        """A new clone saw the features `keys` (N,) of cameras (N,) at `uv` (N, 2), along `bearings` (N, 3)."""
         fresh = ~np.isin(keys, self.keys)
         all_keys = np.concatenate([self.keys, keys[fresh]])
         order = np.argsort(all_keys, kind="stable")
-        n_old, n, k = len(self.keys), len(all_keys), self.uv.shape[1]
-        old_uv = np.concatenate([self.uv, np.zeros((n - n_old, k, 2))])[order]
-        old_seen = np.concatenate([self.seen, np.zeros((n - n_old, k), dtype=bool)])[order]
+        n_old, n, k = len(self.keys), len(all_keys), self.seen.shape[1]
+        seen_at, seen = np.zeros((n, k + 1, 5)), np.zeros((n, k + 1), dtype=bool)
+        old = np.flatnonzero(order < n_old)
+        seen_at[old, :k], seen[old, :k] = self._seen_at[order[old]], self.seen[order[old]]
         self.keys = all_keys[order]
         self.cameras = np.concatenate([self.cameras, cameras[fresh]])[order]
         rows = np.searchsorted(self.keys, keys)
-        column_uv, column_seen = np.zeros((n, 1, 2)), np.zeros((n, 1), dtype=bool)
-        column_uv[rows, 0] = uv
-        column_seen[rows, 0] = True
-        self.uv = np.concatenate([old_uv, column_uv], axis=1)
-        self.seen = np.concatenate([old_seen, column_seen], axis=1)
-        self.alive = column_seen[:, 0].copy()
+        seen_at[rows, k, :2], seen_at[rows, k, 2:] = uv, bearings
+        seen[rows, k] = True
+        self._seen_at, self.seen, self.alive = seen_at, seen, seen[:, k].copy()
 
     def drop_column(self, k: int) -> None:
         """Clone `k` is gone; features that nothing else saw go with it."""
-        self.uv = np.delete(self.uv, k, axis=1)
+        self._seen_at = np.delete(self._seen_at, k, axis=1)
         self.seen = np.delete(self.seen, k, axis=1)
         self.drop_rows(~self.seen.any(axis=1) & ~self.alive)
 
@@ -59,7 +67,7 @@ class FeatureTable:
         """Forget these features (F,)."""
         keep = ~mask
         self.keys, self.cameras, self.alive = self.keys[keep], self.cameras[keep], self.alive[keep]
-        self.uv, self.seen = self.uv[keep], self.seen[keep]
+        self._seen_at, self.seen = self._seen_at[keep], self.seen[keep]
 
     def consume(self, mask: Mask) -> None:
         """The observations of these features are spent; a feature that is still followed collects new ones."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from msckf.clock import stage
 from msckf.views import Rig
-from navcore.arrays import Floats, Rotations, Stamps
+from navcore.arrays import Floats, Mask, Rotations, Stamps
 from navcore.errors import DataError
 from navcore.odometry import SKIPPED
 from navcore.sequence import Frame
@@ -21,16 +21,22 @@ class Observations:
         keys: (N,) feature numbers, unique over cameras.
         cameras: (N,) camera index.
         uv: (N, 2) px.
+        bearings: (N, 3) the same as unit vectors in C.
         faults: what was wrong with the images.
     """
 
     keys: Stamps
     cameras: Stamps
     uv: Floats
+    bearings: Floats
     faults: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.keys)
+
+    def rows(self, mask: Mask) -> "Observations":
+        """Only some of them."""
+        return Observations(self.keys[mask], self.cameras[mask], self.uv[mask], self.bearings[mask], self.faults)
 
 
 class Frontend:
@@ -49,7 +55,7 @@ class Frontend:
             R_B1B0: the body's rotation since the last frame, None if it is not known.
             stages: gets the CPU seconds of `decode` and `track`.
         """
-        keys, cameras, uvs, faults = [], [], [], []
+        keys, cameras, uvs, bearings, faults = [], [], [], [], []
         count = len(self._trackers)
         for c in range(count):
             since = self._since[c]
@@ -65,11 +71,13 @@ class Frontend:
             keys.append(ids * count + c)
             cameras.append(np.full(len(ids), c, dtype=np.int64))
             uvs.append(uv)
+            bearings.append(self._rig.mounts[c].camera.unproject(uv))
         empty = np.zeros(0, dtype=np.int64)
         return Observations(
             np.concatenate([empty, *keys]),
             np.concatenate([empty, *cameras]),
             np.concatenate([np.zeros((0, 2)), *uvs]),
+            np.concatenate([np.zeros((0, 3)), *bearings]),
             tuple(faults),
         )
 

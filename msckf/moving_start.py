@@ -38,8 +38,7 @@ def rotation_bias(window: Window) -> Vectors:
     """
     views, device = window.views, window.device
     increments = window.integrate(device.b_g, device.b_a)
-    bearings_C = views.rig.unproject(views.cameras, views.uv)
-    bearings = (views.rig.R_BC[views.cameras][:, None] @ bearings_C[..., None])[..., 0]  # (F, K, 3) in B
+    bearings = (views.rig.R_BC[views.cameras][:, None] @ views.rays[..., None])[..., 0]  # (F, K, 3) in B
     K = views.seen.shape[1]
     pairs = [(k, k + step) for step in (1, 3) for k in range(K - step)]
     usable = []
@@ -60,7 +59,7 @@ def rotation_bias(window: Window) -> Vectors:
     def residuals(db: Floats) -> Floats:
         out = []
         for f_i, f_j, R, J in usable:
-            normals = np.cross(f_i, f_j @ (R @ so3.exp(J @ db)).T)
+            normals = so3.cross(f_i, f_j @ (R @ so3.exp(J @ db)).T)
             scatter = normals.T @ normals
             out.append(np.sqrt(max(float(np.linalg.eigvalsh(scatter)[0]), 0.0)))
         return np.concatenate([np.array(out) * 1e3, db / sigma])
@@ -86,7 +85,7 @@ def closed_form(window: Window, increments: list[Increment]) -> tuple[Vectors, V
         R[k + 1] = R[k] @ inc.delta_R
         t[k + 1] = t[k] + inc.dt
     R_0C, p_0C = views.camera_poses(R, s)
-    rays = (R_0C @ views.rig.unproject(views.cameras, views.uv)[..., None])[..., 0]
+    rays = (R_0C @ views.rays[..., None])[..., 0]
     across = (np.eye(3) - rays[..., :, None] * rays[..., None, :]) * views.seen[..., None, None]
     T = np.concatenate([t[:, None, None] * np.eye(3), 0.5 * (t * t)[:, None, None] * np.eye(3)], axis=2)  # (K, 3, 6)
     PT = across @ T[None]  # (F, K, 3, 6)

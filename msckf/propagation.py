@@ -72,7 +72,7 @@ def _steps(dt: Floats, omega: Vectors, force: Vectors) -> tuple[Rotations, Vecto
     dv = (G1 @ force[:, :, None])[:, :, 0] * dt[:, None]
     dp = (G2 @ force[:, :, None])[:, :, 0] * (dt * dt)[:, None]
     f_hat, phi_hat = so3.hat(force), so3.hat(phi)
-    second = so3.hat(np.cross(phi, force)) + phi_hat @ f_hat
+    second = so3.hat(so3.cross(phi, force)) + phi_hat @ f_hat
     F = np.broadcast_to(np.eye(15), (n, 15, 15)).copy()
     F[:, 0:3, 0:3] = np.swapaxes(E, 1, 2)
     F[:, 0:3, 9:12] = -np.swapaxes(G1, 1, 2) * d1  # right Jacobian = transposed left Jacobian

@@ -46,7 +46,7 @@ class Starter:
         c = self._config.start
         if buffer.oldest_ns is None or buffer.oldest_ns > t_ns:
             return Start(None, "no IMU yet")
-        self._table.add_column(observations.keys, observations.cameras, observations.uv)
+        self._table.add_column(observations.keys, observations.cameras, observations.uv, observations.bearings)
         self._t_ns.append(t_ns)
         keep_ns = round(1.1e9 * max(c.moving_s, c.static_s))
         while self._t_ns[0] < t_ns - keep_ns:
@@ -85,7 +85,8 @@ class Starter:
         self._last_attempt_ns = t_ns
         seen = self._table.seen[:, columns]
         rows = seen.sum(axis=1) >= self._config.vision.min_views
-        views = Views(self._rig, self._table.cameras[rows], self._table.uv[rows][:, columns], seen[rows])
+        t = self._table
+        views = Views(self._rig, t.cameras[rows], t.uv[rows][:, columns], seen[rows], t.bearings[rows][:, columns])
         times = [self._t_ns[k] for k in columns]
         cells = [buffer.cells(a, b) for a, b in pairwise(times)]
         result = moving_start(Window(cells, views, self._noise, bias.device), c, self._config.vision)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from msckf.propagation import Increment, noise_in_world, predict, transition
 from navcore import so3
@@ -157,7 +158,8 @@ class FilterState:
         Phi = transition(increment, start, (self.R_WB, self.p_WB, self.v_WB))
         Q = noise_in_world(increment, start[0])
         i = slice(0, IMU_SIZE)
-        self._P[i, i] = Phi @ self._P[i, i] @ Phi.T + Q
+        P_imu = Phi @ self._P[i, i] @ Phi.T + Q
+        self._P[i, i] = 0.5 * (P_imu + P_imu.T)
         self._P[i, IMU_SIZE:] = Phi @ self._P[i, IMU_SIZE:]
         self._P[IMU_SIZE:, i] = self._P[i, IMU_SIZE:].T
         self._keep_first_estimates()
@@ -253,16 +255,13 @@ class FilterState:
     def update(self, H: Floats, columns: Stamps, r: Floats, R: Floats) -> None:
         """Kalman update with `r = z - z_hat`, `H` (m, len(columns)) by the error states `columns`, noise `R` (m, m).
 
-        Joseph's form for the blocks that are touched would cost as much as all the rest; the symmetric form
-        P - K S K^T with S's Cholesky factor stays positive as long as S is.
+        With S = L L^T and V = L^-1 H P the new covariance is P - V^T V, which rounding leaves exactly symmetric.
         """
         PHt = self._P[:, columns] @ H.T
-        S = H @ PHt[columns] + R
-        L = np.linalg.cholesky(0.5 * (S + S.T))
-        V = np.linalg.solve(L, PHt.T)  # (m, n): L^-1 H P
+        L = np.linalg.cholesky(H @ PHt[columns] + R)
+        V = solve_triangular(L, PHt.T, lower=True, check_finite=False)  # (m, n)
         self._P = self._P - V.T @ V
-        self._P = 0.5 * (self._P + self._P.T)
-        self._apply(V.T @ np.linalg.solve(L, r))
+        self._apply(V.T @ solve_triangular(L, r, lower=True, check_finite=False))
 
     def _apply(self, dx: Floats) -> None:
         self.R_WB = so3.normalise(self.R_WB @ so3.exp(dx[THETA]))

@@ -6,6 +6,7 @@ import numpy as np
 
 from msckf.config import VisionConfig
 from msckf.views import Views
+from navcore import so3
 from navcore.arrays import Floats, Mask, Rotations, Vectors
 
 _STEPS = 4
@@ -46,7 +47,7 @@ def triangulate(views: Views, R_WB: Rotations, p_WB: Vectors, config: VisionConf
         return Triangulated(np.zeros((0, 3)), np.zeros(0, dtype=bool), np.zeros(0), np.zeros(0, dtype=bool))
     R_WC, p_WC = views.camera_poses(R_WB, p_WB)
     weight = views.seen.astype(np.float64)
-    rays_C = views.rig.unproject(views.cameras, views.uv)
+    rays_C = views.rays
     rays_W = (R_WC @ rays_C[..., None])[..., 0]  # (F, K, 3)
     p_WF = _nearest_to_rays(rays_W, p_WC, weight)
 
@@ -93,10 +94,10 @@ def _nearest_to_rays(rays: Vectors, p_WC: Vectors, weight: Floats) -> Vectors:
 
 def _ray_frames(rays: Vectors) -> Rotations:
     """Rotations (F, 3, 3) whose last column is the ray."""
-    helper = np.where(np.abs(rays[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    first = np.cross(helper, rays)
+    helper = np.where(np.abs(rays[:, :1]) < 0.7, np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 1.0, 0.0]]))
+    first = so3.cross(helper, rays)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, np.cross(rays, first), rays], axis=-1)
+    return np.stack([first, so3.cross(rays, first), rays], axis=-1)
 
 
 def _refine(views: Views, weight: Floats, R_CA: Rotations, p_CA: Vectors, x: Floats) -> tuple[Floats, Floats, Floats]:

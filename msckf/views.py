@@ -1,6 +1,7 @@
 """Features seen from poses: the arrays that triangulation and the visual update share."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -14,12 +15,12 @@ class Rig:
 
     mounts: tuple[CameraMount, ...]
 
-    @property
+    @cached_property
     def R_BC(self) -> Rotations:
         """(C, 3, 3)."""
         return np.stack([m.R_BC for m in self.mounts])
 
-    @property
+    @cached_property
     def p_BC(self) -> Vectors:
         """(C, 3)."""
         return np.stack([m.p_BC for m in self.mounts])
@@ -35,7 +36,7 @@ class Rig:
         return uv, J
 
     def unproject(self, cameras: Stamps, uv: Pixels) -> Vectors:
-        """Unit bearings (F, K, 3) of pixels (F, K, 2), row f through camera `cameras[f]`."""
+        """Unit bearings (F, ..., 3) of pixels (F, ..., 2), row f through camera `cameras[f]`."""
         bearings = np.empty((*uv.shape[:-1], 3))
         for c, mount in enumerate(self.mounts):
             rows = cameras == c
@@ -52,12 +53,19 @@ class Views:
         cameras: (F,) which camera saw each feature.
         uv: (F, K, 2) px; anything where not seen.
         seen: (F, K).
+        bearings: (F, K, 3) the pixels as unit vectors in C; computed unless they are at hand.
     """
 
     rig: Rig
     cameras: Stamps
     uv: Pixels
     seen: Mask
+    bearings: Vectors | None = None
+
+    @cached_property
+    def rays(self) -> Vectors:
+        """(F, K, 3) unit bearings in C."""
+        return self.rig.unproject(self.cameras, self.uv) if self.bearings is None else self.bearings
 
     def camera_poses(self, R_WB: Rotations, p_WB: Vectors) -> tuple[Rotations, Vectors]:
         """R_WC (F, K, 3, 3) and p_WC (F, K, 3) of every view, for body poses (K, 3, 3), (K, 3)."""
@@ -67,4 +75,4 @@ class Views:
 
     def rows(self, mask: Mask) -> "Views":
         """Only some of the features."""
-        return Views(self.rig, self.cameras[mask], self.uv[mask], self.seen[mask])
+        return Views(self.rig, self.cameras[mask], self.uv[mask], self.seen[mask], self.rays[mask])

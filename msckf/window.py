@@ -38,9 +38,8 @@ class VisualWindow:
     def advance(self, state: FilterState, t_ns: int, observations: Observations) -> VisualOutcome:
         """Clone the current pose, use the features that end, drop the oldest clone when the window is full."""
         state.add_clone(t_ns)
-        known = np.isin(observations.keys, state.landmarks.keys)
-        fresh = Observations(observations.keys[~known], observations.cameras[~known], observations.uv[~known])
-        self.table.add_column(fresh.keys, fresh.cameras, fresh.uv)
+        fresh = observations.rows(~np.isin(observations.keys, state.landmarks.keys))
+        self.table.add_column(fresh.keys, fresh.cameras, fresh.uv, fresh.bearings)
         full = len(state.clones) >= self.config.clones
         leaving = self.table.seen[:, 0] if full else np.zeros(len(self.table), dtype=bool)
         candidates = (~self.table.alive | leaving) & (self.table.views >= self.config.min_views)
@@ -67,9 +66,13 @@ class VisualWindow:
         chosen[np.flatnonzero(lasting)[: max(room, 0)]] = True
         if not chosen.any():
             return chosen
-        views = Views(self.rig, self.table.cameras[chosen], self.table.uv[chosen], self.table.seen[chosen])
+        views = self._views(chosen)
         chosen[chosen] = add_landmarks(state, views, self.table.keys[chosen], self.config)
         return chosen
+
+    def _views(self, rows: Mask) -> Views:
+        t = self.table
+        return Views(self.rig, t.cameras[rows], t.uv[rows], t.seen[rows], t.bearings[rows])
 
     def _longest(self, candidates: Mask) -> Mask:
         """The features with the most views among the candidates, as many as may be used."""
@@ -84,7 +87,7 @@ class VisualWindow:
         if not chosen.any():
             return VisualOutcome()
         table, clones = self.table, state.clones
-        views = Views(self.rig, table.cameras[chosen], table.uv[chosen], table.seen[chosen])
+        views = self._views(chosen)
         R_lin, p_lin = state.linearisation_clones
         first = state.clone_start
         columns = np.arange(first, first + CLONE_SIZE * len(clones))

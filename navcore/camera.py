@@ -14,7 +14,7 @@ from navcore.arrays import Floats, Mask, Pixels, Vectors
 from navcore.errors import DataError
 
 _NEWTON_STEPS = 20
-_NEWTON_TOLERANCE = 1e-13
+_NEWTON_TOLERANCE = 1e-11  # of normalised coordinates: 1e-8 px
 _MIN_DEPTH = 1e-6
 
 

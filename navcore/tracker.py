@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from navcore import so3
 from navcore.arrays import Floats, Image, Mask, Pixels, Rotations, Vectors
 from navcore.camera import Camera
 from navcore.sequence import Tracks
@@ -206,14 +207,14 @@ def two_point_inliers(rotated: Vectors, bearings: Vectors, threshold: float, pai
         (N,) mask. A feature that hardly moved fits any translation.
     """
     n = len(bearings)
-    normals = np.cross(rotated, bearings)  # |normal| is the parallax angle
+    normals = so3.cross(rotated, bearings)  # |normal| is the parallax angle
     moved = np.linalg.norm(normals, axis=1)
     static = moved < threshold
     candidates = np.flatnonzero(~static)
     if len(candidates) < 3 or static.sum() > 0.9 * n:
         return np.asarray(static if static.sum() > 0.9 * n else np.ones(n, dtype=bool))
     picks = candidates[(pairs * len(candidates)).astype(int)]
-    t = np.cross(normals[picks[:, 0]], normals[picks[:, 1]])
+    t = so3.cross(normals[picks[:, 0]], normals[picks[:, 1]])
     length = np.linalg.norm(t, axis=1)
     t = t[length > 1e-12] / length[length > 1e-12][:, None]
     if len(t) == 0:
