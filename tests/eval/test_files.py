@@ -46,6 +46,16 @@ def test_biases_that_do_not_fit_are_named(run_folder, fault):
         read_estimate(folder)
 
 
+def test_biases_of_another_run_are_not_taken(run_folder):
+    folder, _, _ = run_folder
+    lines = (folder / "biases.csv").read_text().splitlines()
+    stamp, _, rest = lines[5].partition(",")
+    lines[5] = f"{int(stamp) + 1},{rest}"
+    (folder / "biases.csv").write_text("\n".join(lines))
+    with pytest.raises(ScoreError, match="do not match 300 poses"):
+        read_estimate(folder)
+
+
 def test_what_is_not_there_is_named(tmp_path, run_folder):
     folder, _, _ = run_folder
     with pytest.raises(ScoreError, match="nowhere"):
