@@ -8,6 +8,13 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from msckf.features import FeatureTable
 
 
+def add(table, keys, cameras, uv):
+    """A column whose bearings can be told from the pixels."""
+    uv = np.array(uv, dtype=float).reshape(-1, 2)
+    bearings = np.column_stack([-uv, np.ones(len(uv))])
+    table.add_column(np.array(keys, dtype=np.int64), np.array(cameras, dtype=np.int64), uv, bearings)
+
+
 class TableAgainstDictionary(RuleBasedStateMachine):
     """Columns are lists of {key: pixel}; `alive` is the newest frame's keys; both forget in the same way."""
 
@@ -35,11 +42,7 @@ class TableAgainstDictionary(RuleBasedStateMachine):
     def add_column(self, seen):
         self.clock += 1
         uv = {key: (float(key), float(self.clock)) for key in seen}
-        self.table.add_column(
-            np.array(seen, dtype=np.int64),
-            np.array([key % 2 for key in seen], dtype=np.int64),
-            np.array([uv[key] for key in seen]).reshape(-1, 2),
-        )
+        add(self.table, seen, [key % 2 for key in seen], [uv[key] for key in seen])
         self.columns.append(uv)
         self.keys |= {key: key % 2 for key in seen}
         self.alive = set(seen)
@@ -91,7 +94,9 @@ class TableAgainstDictionary(RuleBasedStateMachine):
         for row, key in enumerate(sorted(self.keys)):
             for k, pixel in enumerate(self.columns_of(key)):
                 assert t.seen[row, k] == (pixel is not None)
-                assert pixel is None or tuple(t.uv[row, k]) == pixel
+                if pixel is not None:
+                    assert tuple(t.uv[row, k]) == pixel
+                    assert tuple(t.bearings[row, k]) == (-pixel[0], -pixel[1], 1.0)
 
 
 TestTableAgainstDictionary = TableAgainstDictionary.TestCase
@@ -100,8 +105,8 @@ TestTableAgainstDictionary = TableAgainstDictionary.TestCase
 @given(order=st.permutations([3, 8, 1, 5]))
 def test_the_order_in_which_features_come_does_not_matter(order):
     table = FeatureTable()
-    table.add_column(np.array([5, 1]), np.array([0, 0]), np.array([[5.0, 0.0], [1.0, 0.0]]))
-    table.add_column(np.array(order), np.zeros(4, dtype=np.int64), np.array([[k, 1.0] for k in order]))
+    add(table, [5, 1], [0, 0], [[5.0, 0.0], [1.0, 0.0]])
+    add(table, order, [0] * 4, [[k, 1.0] for k in order])
     assert table.keys.tolist() == [1, 3, 5, 8]
     assert table.uv[:, 1].tolist() == [[1.0, 1.0], [3.0, 1.0], [5.0, 1.0], [8.0, 1.0]]
     assert table.seen[:, 0].tolist() == [True, False, True, False]

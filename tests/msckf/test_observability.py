@@ -99,15 +99,15 @@ def fly(fej, seconds=6.0, **settings):
 
 def share_lost(heard: Recorder, since):
     """How much each of the four directions shows in the measurements, as a share of what a turn like it would."""
-    O = observability(heard, since)
-    assert len(O) > 200
+    stacked = observability(heard, since)
+    assert len(stacked) > 200
     R, p, v = heard.starts[since]
     N = np.zeros((IMU_SIZE, 4))
     N[:9] = directions(R, p - p, v)  # the world is turned about where the body was: lengths of order one
     visible = np.zeros((IMU_SIZE, 4))
     visible[POSITION, :3], visible[THETA, 3] = np.eye(3), R.T @ [1.0, 0.0, 0.0]  # a tilt instead of a yaw
-    scale = np.array([*np.linalg.norm(O[:, VELOCITY], axis=0), np.linalg.norm(O @ visible[:, 3])])
-    return np.linalg.norm(O @ N, axis=0) / scale
+    scale = np.array([*np.linalg.norm(stacked[:, VELOCITY], axis=0), np.linalg.norm(stacked @ visible[:, 3])])
+    return np.linalg.norm(stacked @ N, axis=0) / scale
 
 
 def test_with_first_estimates_all_four_directions_stay_unobserved(recorder):
