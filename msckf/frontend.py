@@ -55,48 +55,48 @@ class Frontend:
             R_B1B0: the body's rotation since the last frame, None if it is not known.
             stages: gets the CPU seconds of `decode` and `track`.
         """
-        keys, cameras, uvs, bearings, faults = [], [], [], [], []
-        count = len(self._trackers)
-        for c in range(count):
+        parts, faults = [], []
+        for c in range(len(self._trackers)):
             since = self._since[c]
             self._since[c] = None if R_B1B0 is None or since is None else R_B1B0 @ since
             try:
-                ids, uv, fault = self._one(frame, c, stages)
+                part = self._one(frame, c, stages)
             except DataError as error:
                 faults.append(f"{SKIPPED}: camera {c}: {error}")
                 continue
-            if fault is not None:
-                faults.append(f"{fault}, camera {c}")
             self._since[c] = np.eye(3)
-            keys.append(ids * count + c)
-            cameras.append(np.full(len(ids), c, dtype=np.int64))
-            uvs.append(uv)
-            bearings.append(self._rig.mounts[c].camera.unproject(uv))
+            parts.append(part)
+            faults += part.faults
         empty = np.zeros(0, dtype=np.int64)
         return Observations(
-            np.concatenate([empty, *keys]),
-            np.concatenate([empty, *cameras]),
-            np.concatenate([np.zeros((0, 2)), *uvs]),
-            np.concatenate([np.zeros((0, 3)), *bearings]),
+            np.concatenate([empty, *(p.keys for p in parts)]),
+            np.concatenate([empty, *(p.cameras for p in parts)]),
+            np.concatenate([np.zeros((0, 2)), *(p.uv for p in parts)]),
+            np.concatenate([np.zeros((0, 3)), *(p.bearings for p in parts)]),
             tuple(faults),
         )
 
-    def _one(self, frame: Frame, c: int, stages: dict[str, float]) -> tuple[Stamps, Floats, str | None]:
-        """Ids, pixels and the fault of one camera's picture."""
+    def _one(self, frame: Frame, c: int, stages: dict[str, float]) -> Observations:
+        """Observations of one camera."""
+        camera = self._rig.mounts[c].camera
+        faults: tuple[str, ...] = ()
         if c in frame.tracks:
             tracks = frame.tracks[c]
-            return tracks.ids, tracks.uv, None
-        if c not in frame.images:
+            bearings = camera.unproject(tracks.uv)
+        elif c in frame.images:
+            with stage(stages, "decode"):
+                image = frame.images[c].load()
+            if image.shape != (camera.height, camera.width) or image.dtype != np.uint8:
+                size = f"{image.shape[1]}x{image.shape[0]}" if image.ndim == 2 else f"of shape {image.shape}"
+                raise DataError(f"image is {size} {image.dtype}, expected {camera.width}x{camera.height} uint8")
+            R_BC, R_B1B0 = self._rig.mounts[c].R_BC, self._since[c]
+            with stage(stages, "track"):
+                tracker = self._trackers[c]
+                tracks = tracker.track(image, None if R_B1B0 is None else R_BC.T @ R_B1B0 @ R_BC)
+                bearings = tracker.bearings
+            if tracker.quality.fault is not None:
+                faults = (f"{tracker.quality.fault}, camera {c}",)
+        else:
             raise DataError("no image")
-        camera = self._rig.mounts[c].camera
-        with stage(stages, "decode"):
-            image = frame.images[c].load()
-        if image.shape != (camera.height, camera.width) or image.dtype != np.uint8:
-            raise DataError(
-                f"image is {image.shape[::-1]} {image.dtype}, expected ({camera.width}, {camera.height}) uint8"
-            )
-        R_BC, R_B1B0 = self._rig.mounts[c].R_BC, self._since[c]
-        R_C1C0 = None if R_B1B0 is None else R_BC.T @ R_B1B0 @ R_BC
-        with stage(stages, "track"):
-            tracks = self._trackers[c].track(image, R_C1C0)
-        return tracks.ids, tracks.uv, self._trackers[c].quality.fault
+        cameras = np.full(len(tracks), c, dtype=np.int64)
+        return Observations(tracks.ids * len(self._trackers) + c, cameras, tracks.uv, bearings, faults)

@@ -5,57 +5,51 @@ import numpy as np
 from msckf.config import VisionConfig
 from msckf.frontend import Observations
 from msckf.state import FilterState
-from msckf.triangulation import triangulate
-from msckf.views import Rig, Views
-from msckf.visual import VisualOutcome, chi_square_quantile, compress, linearise, split
+from msckf.views import Rig
+from msckf.visual import VisualMeasurement, VisualOutcome, chi_square_quantile
 from navcore import so3
 from navcore.arrays import Floats, Mask, Stamps
 
 
-def add_landmarks(state: FilterState, views: Views, keys: Stamps, config: VisionConfig) -> Mask:
-    """Make landmarks of features seen all over the window (delayed initialisation).
+def promotable(state: FilterState, measurement: VisualMeasurement, config: VisionConfig) -> Mask:
+    """(U,) features behind a measurement whose position is known well enough to be kept.
 
-    The part of a feature's observations that determines its position gives the landmark with its correlations; the
-    rest is a measurement of the clones like any other (Li and Mourikis 2013, "Optimization-based estimator design for
-    vision-aided inertial navigation", section IV).
-
-    Returns:
-        (F,) which became landmarks; the observations of those are spent.
+    A landmark keeps its linearisation point. Where the window has been corrected by more than a small part of the
+    feature's distance since its poses were first estimated, that point would be a bad one for all poses to come.
     """
     clones = state.clones
-    points = triangulate(views, clones.R_WB, clones.p_WB, config)
-    R_lin, p_lin = state.linearisation_clones
-    # A landmark is linearised where it is now: the window's first estimates must not have been left far behind.
+    points = measurement.points
     distance = np.linalg.norm(points.p_WF - clones.p_WB[-1], axis=1)
-    shift = np.linalg.norm(clones.p_WB - p_lin, axis=1).max()
-    fit: Mask = points.near & (points.rms < 3.0 * config.pixel_noise) & (shift < config.max_landmark_shift * distance)
-    if not fit.any():
-        return fit
-    kept = views.rows(fit)
-    r, H_x, H_f = linearise(kept, clones.R_WB, clones.p_WB, R_lin, p_lin, points.p_WF[fit], follow=False)
-    parts = split(r, H_x, H_f)
-    first, last = state.clone_start, state.clone_stop
-    P, s = state.covariance[first:last, first:last], config.pixel_noise
-    S = parts.H @ P @ np.swapaxes(parts.H, -1, -2) + s * s * np.eye(parts.H.shape[1])
-    nis = np.einsum("fi,fi->f", parts.r, np.linalg.solve(S, parts.r[..., None])[..., 0])
-    passed = nis <= chi_square_quantile(config.gate_probability, 2.0 * kept.seen.sum(axis=1) - 3.0)
-    made: Mask = fit.copy()
-    made[fit] = passed
-    if not passed.any():
-        return made
-    R_1_inverse = np.linalg.inv(parts.R_1[passed])
-    by_clones = -R_1_inverse @ parts.H_1[passed]  # (n, 3, 6 K)
-    own = R_1_inverse @ np.swapaxes(R_1_inverse, -1, -2) * s * s
-    n = len(own)
+    shift = np.linalg.norm(measurement.p_linear - points.p_WF, axis=1)
+    close = shift < config.max_landmark_shift * distance
+    certain = points.certainty > config.landmark_parallax
+    return np.asarray(certain & (points.rms < 3.0 * config.pixel_noise) & close)
+
+
+def add_landmarks(
+    state: FilterState, keys: Stamps, measurement: VisualMeasurement, rows: Mask, config: VisionConfig
+) -> None:
+    """Make landmarks of the features `rows` (U,) behind a measurement that is yet to be applied.
+
+    r_1 = H_1 dx + R_1 dp + n determines a position: dp = R_1^-1 (r_1 - H_1 dx - n). What the position cannot explain
+    is in the measurement itself (delayed initialisation: Li and Mourikis 2013, "Optimization-based estimator design for
+    vision-aided inertial navigation", section IV).
+    """
+    parts = measurement.parts.rows(rows)
+    n = len(parts.r_1)
+    R_1_inverse = np.linalg.inv(parts.R_1)
+    step = (R_1_inverse @ parts.r_1[..., None])[..., 0]
+    by_clones = -R_1_inverse @ parts.H_1  # (n, 3, 6 K)
     covariance = np.zeros((n, 3, n, 3))
+    own = R_1_inverse @ np.swapaxes(R_1_inverse, -1, -2) * config.pixel_noise**2
     covariance[np.arange(n), :, np.arange(n)] = own
-    step = (R_1_inverse @ parts.r_1[passed][..., None])[..., 0]
-    positions = points.p_WF[made] + step
-    state.add_landmarks(keys[made], positions, by_clones.reshape(3 * n, -1), covariance.reshape(3 * n, 3 * n))
-    H, r = parts.H[passed].reshape(-1, parts.H.shape[-1]), parts.r[passed].ravel()
-    r, H = compress(r, H)
-    state.update(H, np.arange(first, last), r, s * s * np.eye(len(r)))
-    return made
+    state.add_landmarks(
+        keys,
+        measurement.points.p_WF[rows] + step,
+        measurement.p_linear[rows],
+        by_clones.reshape(3 * n, -1),
+        covariance.reshape(3 * n, 3 * n),
+    )
 
 
 def update_landmarks(state: FilterState, rig: Rig, observations: Observations, config: VisionConfig) -> VisualOutcome:

@@ -14,7 +14,7 @@ from msckf.propagation import Increment, integrate, noise_in_world, predict, tra
 from msckf.static_start import gravity_aligned
 from msckf.triangulation import triangulate
 from msckf.views import Views
-from msckf.visual import linearise, project_out
+from msckf.visual import linearise, split
 from navcore import so3
 from navcore.arrays import Floats, Mask, Rotations, Vectors
 from navcore.imu import ImuNoise
@@ -192,11 +192,12 @@ def _visual_rows(
 ) -> tuple[Floats, Floats, float]:
     """What the features say about the poses, compressed, and the squared residual that no pose can explain."""
     K = len(path.R)
-    r, H_x, H_f = linearise(views, path.R, path.p, path.R, path.p, features)
-    r, H = project_out(r, H_x, H_f)
+    r, H_x, H_f, _ = linearise(views, path.R, path.p, path.R, path.p, features)
+    parts = split(r, H_x, H_f)
     s = vision.pixel_noise
     weight = 1.0 / (s * np.sqrt(1.0 + (rms[np.isfinite(rms)] / (3.0 * s)) ** 2))  # Cauchy's, per feature
-    stacked = np.column_stack([(H * weight[:, None, None]).reshape(-1, 6 * K), (r * weight[:, None]).ravel()])
+    H, r = parts.H * weight[:, None, None], parts.r * weight[:, None]
+    stacked = np.column_stack([H.reshape(-1, 6 * K), r.ravel()])
     R_factor: Floats = np.linalg.qr(stacked, mode="r")  # type: ignore[assignment]
     m = min(len(R_factor), 6 * K)
     A = np.zeros((m, 15 * K))

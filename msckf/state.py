@@ -198,11 +198,13 @@ class FilterState:
             np.delete(c.p_first, k, axis=0),
         )
 
-    def add_landmarks(self, keys: Stamps, p_WF: Vectors, by_clones: Floats, covariance: Floats) -> None:
+    def add_landmarks(
+        self, keys: Stamps, p_WF: Vectors, p_first: Vectors, by_clones: Floats, covariance: Floats
+    ) -> None:
         """Append landmarks that are linear in the clones.
 
         Args:
-            keys: (n,), p_WF: (n, 3) m.
+            keys: (n,), p_WF: (n, 3) m, p_first: (n, 3) m where they are linearised.
             by_clones: (3 n, 6 K) derivative of the positions by the clones' errors.
             covariance: (3 n, 3 n) of the rest, independent of the state.
         """
@@ -213,7 +215,7 @@ class FilterState:
         self.landmarks = Landmarks(
             np.concatenate([m.keys, keys]),
             np.concatenate([m.p_WF, p_WF]),
-            np.concatenate([m.p_first, p_WF]),
+            np.concatenate([m.p_first, p_first]),
         )
 
     def drop_landmarks(self, mask: Mask) -> None:

@@ -21,14 +21,18 @@ class Triangulated:
         p_WF: (F, 3) m.
         valid: (F,) whether the position can be used.
         rms: (F,) px, reprojection error.
-        near: (F,) whether parallax shows the distance; the others are placed far out along their ray, where they
-            speak of rotation only.
+        certainty: (F,) inverse range by its standard deviation. Features below `min_parallax` are placed far out along
+            their ray, where they speak of rotation only.
     """
 
     p_WF: Vectors
     valid: Mask
     rms: Floats
-    near: Mask
+    certainty: Floats
+
+    def rows(self, mask: Mask) -> "Triangulated":
+        """Only some of the features."""
+        return Triangulated(self.p_WF[mask], self.valid[mask], self.rms[mask], self.certainty[mask])
 
 
 def triangulate(views: Views, R_WB: Rotations, p_WB: Vectors, config: VisionConfig) -> Triangulated:
@@ -44,7 +48,7 @@ def triangulate(views: Views, R_WB: Rotations, p_WB: Vectors, config: VisionConf
     """
     F = len(views.uv)
     if F == 0:
-        return Triangulated(np.zeros((0, 3)), np.zeros(0, dtype=bool), np.zeros(0), np.zeros(0, dtype=bool))
+        return Triangulated(np.zeros((0, 3)), np.zeros(0, dtype=bool), np.zeros(0), np.zeros(0))
     R_WC, p_WC = views.camera_poses(R_WB, p_WB)
     weight = views.seen.astype(np.float64)
     rays_C = views.rays
@@ -66,8 +70,8 @@ def triangulate(views: Views, R_WB: Rotations, p_WB: Vectors, config: VisionConf
     x = np.concatenate([across, 1.0 / range_guess[:, None]], axis=1)
     x, cost, spread = _refine(views, weight, R_CA @ frame[:, None], p_CA, x)
 
-    parallax = np.abs(x[:, 2]) / np.sqrt(spread)
-    near = parallax > config.min_parallax * config.pixel_noise
+    certainty = np.abs(x[:, 2]) / (np.sqrt(spread) * config.pixel_noise)
+    near = certainty > config.min_parallax
     rho = np.where(near, np.maximum(x[:, 2], 1e-9), _FAR)
     direction = (frame @ np.concatenate([x[:, :2], np.ones((F, 1))], axis=1)[..., None])[..., 0]
     p_WF = p_WA + (R_WA @ (direction / rho[:, None])[..., None])[..., 0]
@@ -79,7 +83,7 @@ def triangulate(views: Views, R_WB: Rotations, p_WB: Vectors, config: VisionConf
     count = weight.sum(axis=1)
     rms = np.sqrt(cost / np.maximum(count, 1.0))
     valid = in_front & (~near | (nearest < config.max_depth)) & np.isfinite(rms) & (count >= 2)
-    return Triangulated(np.where(valid[:, None], p_WF, 0.0), valid, np.where(valid, rms, np.inf), near & valid)
+    return Triangulated(np.where(valid[:, None], p_WF, 0.0), valid, np.where(valid, rms, np.inf), certainty)
 
 
 def _nearest_to_rays(rays: Vectors, p_WC: Vectors, weight: Floats) -> Vectors:

@@ -14,15 +14,15 @@ from navcore.arrays import Floats, Mask, Rotations, Vectors
 
 @dataclass(frozen=True)
 class VisualMeasurement:
-    """A linear measurement of the clones, free of the features, with white noise of `pixel_noise`.
+    """What F features seen from K clones say about the clones, and about themselves.
 
     Attributes:
-        H: (m, 6 K) by the clones' error states.
-        r: (m,) px.
+        H, r: (m, 6 K), (m,) px: a measurement of the clones, free of the features, with white noise of `pixel_noise`.
         used: (F,) features behind it.
         rejected: (F,) features that the chi-square test refused.
-        nis: (F,) normalised innovation squared; meaningless where neither used nor rejected.
-        dof: (F,) its degrees of freedom.
+        nis, dof: (T,) normalised innovation squared of the features that were tested, and its degrees of freedom.
+        points, p_linear, parts: of the features used: where they are, where they were linearised (U, 3), how each
+            determines its own position.
     """
 
     H: Floats
@@ -31,6 +31,9 @@ class VisualMeasurement:
     rejected: Mask
     nis: Floats
     dof: Floats
+    points: Triangulated
+    p_linear: Vectors
+    parts: "Split"
 
 
 @dataclass(frozen=True)
@@ -55,17 +58,16 @@ def linearise(
     R_lin: Rotations,
     p_lin: Vectors,
     features: Vectors,
-    *,
-    follow: bool = True,
-) -> tuple[Floats, Floats, Floats]:
+) -> tuple[Floats, Floats, Floats, Vectors]:
     """Residuals and Jacobians of every view.
 
     Residuals are taken at the current poses R_WB (K, 3, 3), p_WB (K, 3) and features (F, 3); Jacobians at R_lin,
-    p_lin, with each feature moved along with its last view (unless `follow` is off), so that the geometry of the
-    linearisation is that of the estimate however far the window has shifted since.
+    p_lin, with each feature moved along with its last view, so that the geometry of the linearisation is that of
+    the estimate however far the window has shifted since.
 
     Returns:
-        r (F, K, 2), H_x (F, K, 2, 6) by (dtheta, dp) of the clone that saw it, H_f (F, K, 2, 3); zero where not seen.
+        r (F, K, 2), H_x (F, K, 2, 6) by (dtheta, dp) of the clone that saw it, H_f (F, K, 2, 3), zero where not seen;
+        and where the features were linearised, (F, 3).
     """
     rig, cameras = views.rig, views.cameras
     weight = views.seen.astype(np.float64)[..., None]
@@ -74,7 +76,7 @@ def linearise(
 
     last = views.seen.shape[1] - 1 - np.argmax(views.seen[:, ::-1], axis=1)
     in_last = np.swapaxes(R_WB[last], -1, -2) @ (features - p_WB[last])[..., None]
-    moved = p_lin[last] + (R_lin[last] @ in_last)[..., 0] if follow else features
+    moved = p_lin[last] + (R_lin[last] @ in_last)[..., 0]
     _, J = rig.project_jacobian(cameras, _in_camera(views, R_lin, p_lin, moved))
     J = J * weight[..., None]
     R_CB = np.swapaxes(rig.R_BC, -1, -2)[cameras][:, None]  # (F, 1, 3, 3)
@@ -82,7 +84,7 @@ def linearise(
     p_BF = (R_BW @ (moved[:, None] - p_lin)[..., None])[..., 0]
     H_f = J @ (R_CB @ R_BW)
     H_x = np.concatenate([J @ R_CB @ so3.hat(p_BF), -H_f], axis=-1)
-    return r, H_x, H_f
+    return r, H_x, H_f, moved
 
 
 def _in_camera(views: Views, R_WB: Rotations, p_WB: Vectors, features: Vectors) -> Vectors:
@@ -106,6 +108,10 @@ class Split:
     H_1: Floats
     R_1: Floats
 
+    def rows(self, mask: Mask) -> "Split":
+        """Only some of the features."""
+        return Split(self.r[mask], self.H[mask], self.r_1[mask], self.H_1[mask], self.R_1[mask])
+
 
 def split(r: Floats, H_x: Floats, H_f: Floats) -> Split:
     """Separate what the features' positions can explain from what they cannot.
@@ -126,12 +132,6 @@ def split(r: Floats, H_x: Floats, H_f: Floats) -> Split:
     Q_t = np.swapaxes(Q_1, -1, -2)
     r_1, H_1 = (Q_t @ r[..., None])[..., 0], Q_t @ H
     return Split(r - (Q_1 @ r_1[..., None])[..., 0], H - Q_1 @ H_1, r_1, H_1, R_1)
-
-
-def project_out(r: Floats, H_x: Floats, H_f: Floats) -> tuple[Floats, Floats]:
-    """r (F, 2 K) and H (F, 2 K, 6 K) free of the features' positions; arguments as `split`."""
-    parts = split(r, H_x, H_f)
-    return parts.r, parts.H
 
 
 def normalised_innovations(r: Floats, H: Floats, P: Floats, pixel_noise: float) -> Floats:
@@ -178,24 +178,19 @@ def measure(
     """
     if len(views.uv) == 0:
         return None
-    points: Triangulated = triangulate(views, R_WB, p_WB, config)
+    points = triangulate(views, R_WB, p_WB, config)
     sane = points.valid & (points.rms < 10.0 * config.pixel_noise)
     if not sane.any():
         return None
-    kept = views.rows(sane)
-    r, H_x, H_f = linearise(kept, R_WB, p_WB, R_lin, p_lin, points.p_WF[sane])
-    r, H = project_out(r, H_x, H_f)
-    sane_nis = normalised_innovations(r, H, P, config.pixel_noise)
-    sane_dof = 2.0 * kept.seen.sum(axis=1) - 3.0
-    passed = sane_nis <= chi_square_quantile(config.gate_probability, sane_dof)
-
-    nis, dof = np.zeros(len(sane)), np.ones(len(sane))
-    nis[sane], dof[sane] = sane_nis, sane_dof
-    used, rejected = np.zeros(len(sane), dtype=bool), np.zeros(len(sane), dtype=bool)
+    views, points = views.rows(sane), points.rows(sane)
+    r, H_x, H_f, p_linear = linearise(views, R_WB, p_WB, R_lin, p_lin, points.p_WF)
+    parts = split(r, H_x, H_f)
+    nis = normalised_innovations(parts.r, parts.H, P, config.pixel_noise)
+    dof = 2.0 * views.seen.sum(axis=1) - 3.0
+    passed = nis <= chi_square_quantile(config.gate_probability, dof)
+    r_all, H_all = compress(parts.r[passed].ravel(), parts.H[passed].reshape(-1, parts.H.shape[-1]))
+    used, rejected = sane.copy(), sane.copy()
     used[sane], rejected[sane] = passed, ~passed
-    n = H.shape[-1]
-    if passed.any():
-        r_all, H_all = compress(r[passed].ravel(), H[passed].reshape(-1, n))
-    else:
-        r_all, H_all = np.zeros(0), np.zeros((0, n))
-    return VisualMeasurement(H_all, r_all, used, rejected, nis, dof)
+    return VisualMeasurement(
+        H_all, r_all, used, rejected, nis, dof, points.rows(passed), p_linear[passed], parts.rows(passed)
+    )

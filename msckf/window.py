@@ -5,9 +5,9 @@ import numpy as np
 from msckf.config import VisionConfig
 from msckf.features import FeatureTable
 from msckf.frontend import Observations
-from msckf.slam import add_landmarks, update_landmarks
+from msckf.slam import add_landmarks, promotable, update_landmarks
 from msckf.standstill import image_motion
-from msckf.state import CLONE_SIZE, FilterState
+from msckf.state import FilterState
 from msckf.views import Rig, Views
 from msckf.visual import VisualOutcome, measure
 from navcore.arrays import Mask
@@ -45,30 +45,14 @@ class VisualWindow:
         candidates = (~self.table.alive | leaving) & (self.table.views >= self.config.min_views)
         lasting = candidates & self.table.alive & self.table.seen.all(axis=1)
         corrected = update_landmarks(state, self.rig, observations, self.config)
-        made = self._promote(state, lasting)
-        self.table.drop_rows(made)
-        outcome = self._use(state, self._longest(candidates[~made]))
+        outcome = self._use(state, self._longest(candidates), lasting)
         self.table.drop_rows(~self.table.alive)
         if full:
             state.drop_clone(0)
             self.table.drop_column(0)
         return VisualOutcome(
-            outcome.used + corrected.used + int(made.sum()),
-            outcome.rejected + corrected.rejected,
-            outcome.nis,
-            outcome.dof,
+            outcome.used + corrected.used, outcome.rejected + corrected.rejected, outcome.nis, outcome.dof
         )
-
-    def _promote(self, state: FilterState, lasting: Mask) -> Mask:
-        """Make landmarks of features that outlast the window, as far as there is room; says which."""
-        room = self.config.landmarks - len(state.landmarks)
-        chosen = np.zeros(len(lasting), dtype=bool)
-        chosen[np.flatnonzero(lasting)[: max(room, 0)]] = True
-        if not chosen.any():
-            return chosen
-        views = self._views(chosen)
-        chosen[chosen] = add_landmarks(state, views, self.table.keys[chosen], self.config)
-        return chosen
 
     def _views(self, rows: Mask) -> Views:
         t = self.table
@@ -83,22 +67,26 @@ class VisualWindow:
         chosen[order[: self.config.max_features]] = True
         return chosen
 
-    def _use(self, state: FilterState, chosen: Mask) -> VisualOutcome:
+    def _use(self, state: FilterState, chosen: Mask, lasting: Mask) -> VisualOutcome:
+        """Correct the state by the chosen features; those that are lasting become landmarks while there is room."""
         if not chosen.any():
             return VisualOutcome()
-        table, clones = self.table, state.clones
-        views = self._views(chosen)
+        clones, config = state.clones, self.config
+        first, last = state.clone_start, state.clone_stop
         R_lin, p_lin = state.linearisation_clones
-        first = state.clone_start
-        columns = np.arange(first, first + CLONE_SIZE * len(clones))
-        P = state.covariance[first : columns[-1] + 1, first : columns[-1] + 1]
-        m = measure(views, clones.R_WB, clones.p_WB, R_lin, p_lin, P, self.config)
+        P = state.covariance[first:last, first:last]
+        m = measure(self._views(chosen), clones.R_WB, clones.p_WB, R_lin, p_lin, P, config)
         if m is None:
             return VisualOutcome()
+        where = np.flatnonzero(chosen)
+        promoted = lasting[where[m.used]] & promotable(state, m, config)
+        promoted &= np.cumsum(promoted) <= config.landmarks - len(state.landmarks)
+        if promoted.any():
+            add_landmarks(state, self.table.keys[where[m.used][promoted]], m, promoted, config)
         if m.used.any():
-            state.update(m.H, columns, m.r, self.config.pixel_noise**2 * np.eye(len(m.r)))
-        spent = np.zeros(len(table), dtype=bool)
-        spent[np.flatnonzero(chosen)[m.used | m.rejected]] = True
-        table.consume(spent)
-        tested = m.used | m.rejected
-        return VisualOutcome(int(m.used.sum()), int(m.rejected.sum()), m.nis[tested], m.dof[tested])
+            state.update(m.H, np.arange(first, last), m.r, config.pixel_noise**2 * np.eye(len(m.r)))
+        spent = np.zeros(len(self.table), dtype=bool)
+        spent[where[m.used | m.rejected]] = True
+        self.table.alive[where[m.used][promoted]] = False  # the state follows them from here on
+        self.table.consume(spent)
+        return VisualOutcome(int(m.used.sum()), int(m.rejected.sum()), m.nis, m.dof)

@@ -67,7 +67,7 @@ class Tracker:
         self._last: Image | None = None
         self._ids = np.zeros(0, dtype=np.int64)
         self._uv: Pixels = np.zeros((0, 2))
-        self._bearings: Vectors = np.zeros((0, 3))
+        self.bearings: Vectors = np.zeros((0, 3))  # unit vectors in C of the newest tracks
         self._next_id = 0
 
     def track(self, image: Image, R_C1C0: Rotations | None) -> Tracks:
@@ -79,15 +79,18 @@ class Tracker:
                 bias is known; or None, and outliers are found without it.
 
         Returns:
-            Every feature that this image holds, new ones included.
+            Every feature that this image holds, new ones included; `bearings` holds their directions. An image that
+            offers nothing ends all features.
         """
         sample = image[::4, ::4]
         self.quality = ImageQuality(float(sample.mean()), float(sample.std()), float((sample >= 250).mean()))
+        if self.quality.fault is not None:
+            self.reset()
+            return Tracks(self._ids, self._uv)
         equalised = np.asarray(self._clahe.apply(image), dtype=np.uint8)
         if self._last is not None and len(self._ids):
             self._follow(self._last, equalised, R_C1C0)
-        if self.quality.fault is None:
-            self._begin(equalised)
+        self._begin(equalised)
         self._last = equalised
         return Tracks(self._ids, self._uv)
 
@@ -97,13 +100,13 @@ class Tracker:
         self._keep(np.zeros(len(self._ids), dtype=bool))
 
     def _keep(self, mask: Mask) -> None:
-        self._ids, self._uv, self._bearings = self._ids[mask], self._uv[mask], self._bearings[mask]
+        self._ids, self._uv, self.bearings = self._ids[mask], self._uv[mask], self.bearings[mask]
 
     def _follow(self, last: Image, image: Image, R_C1C0: Rotations | None) -> None:
         c = self.config
         start = self._uv
         if R_C1C0 is not None:
-            rotated = self._bearings @ R_C1C0.T
+            rotated = self.bearings @ R_C1C0.T
             guess = self.camera.project(rotated)
             start = np.where(self.camera.inside(guess, 0.0)[:, None], guess, self._uv)
         found, status, error = cv2.calcOpticalFlowPyrLK(
@@ -118,10 +121,10 @@ class Tracker:
         )
         uv = np.asarray(found, dtype=np.float64)
         good = (status.ravel() == 1) & (error.ravel() < c.max_residual) & self.camera.inside(uv, c.border)
-        before = self._bearings[good]
+        before = self.bearings[good]
         self._uv = uv
         self._keep(good)
-        self._bearings = self.camera.unproject(self._uv)
+        self.bearings = self.camera.unproject(self._uv)
         if len(self._ids) >= 8:
             self._keep(self._consistent(before, R_C1C0))
 
@@ -129,11 +132,11 @@ class Tracker:
         """Which features move as one rigid scene does."""
         threshold = self.config.epipolar_threshold / self.camera.focal
         if R_C1C0 is not None:
-            return two_point_inliers(before @ R_C1C0.T, self._bearings, threshold, self._pairs)
-        forward = (before[:, 2] > 0.1) & (self._bearings[:, 2] > 0.1)
+            return two_point_inliers(before @ R_C1C0.T, self.bearings, threshold, self._pairs)
+        forward = (before[:, 2] > 0.1) & (self.bearings[:, 2] > 0.1)
         if forward.sum() < 8:
             return forward
-        first, second = before[forward], self._bearings[forward]
+        first, second = before[forward], self.bearings[forward]
         f = self.camera.focal
         _, inlier = cv2.findFundamentalMat(
             first[:, :2] / first[:, 2:] * f, second[:, :2] / second[:, 2:] * f, cv2.FM_RANSAC, 1.0, 0.99
@@ -155,26 +158,26 @@ class Tracker:
         cell = np.array([w / columns, h / rows])
         where = np.minimum((self._uv / cell).astype(int), [columns - 1, rows - 1])
         counts = np.bincount(where[:, 1] * columns + where[:, 0], minlength=columns * rows)
-        free = np.ones((h, w), dtype=np.uint8)
-        for u, v in np.rint(self._uv).astype(int).tolist():
-            cv2.circle(free, (u, v), c.min_distance, 0, -1)
-        fresh: list[tuple[float, float]] = []
+        fresh: list[Pixels] = []
+        taken = self._uv
         for k in np.argsort(counts, kind="stable").tolist():
-            wanted = min(share - int(counts[k]), missing - len(fresh))
+            wanted = min(share - int(counts[k]), c.max_features - len(taken))
             if wanted <= 0:
                 break
-            fresh += self._corners(image, free, k % columns, k // columns, wanted)
-        if not fresh:
+            found = self._corners(image, taken, k % columns, k // columns, wanted)
+            taken = np.concatenate([taken, found])
+            fresh.append(found)
+        uv = np.concatenate([np.zeros((0, 2)), *fresh])
+        if len(uv) == 0:
             return
-        uv = np.array(fresh)
         ids = np.arange(self._next_id, self._next_id + len(uv))
         self._next_id += len(uv)
         self._ids = np.concatenate([self._ids, ids])
         self._uv = np.concatenate([self._uv, uv])
-        self._bearings = np.concatenate([self._bearings, self.camera.unproject(uv)])
+        self.bearings = np.concatenate([self.bearings, self.camera.unproject(uv)])
 
-    def _corners(self, image: Image, free: Image, column: int, row: int, wanted: int) -> list[tuple[float, float]]:
-        """Up to `wanted` corners in one cell, the strongest first, apart from each other; marks them in `free`."""
+    def _corners(self, image: Image, taken: Pixels, column: int, row: int, wanted: int) -> Pixels:
+        """Up to `wanted` corners (N, 2) in one cell, the strongest first, apart from `taken` (M, 2) and each other."""
         c = self.config
         h, w = image.shape
         u0, u1 = w * column // c.grid[0], w * (column + 1) // c.grid[0]
@@ -182,16 +185,21 @@ class Tracker:
         u0, v0 = max(u0, c.border + 1), max(v0, c.border + 1)
         u1, v1 = min(u1, w - c.border - 1), min(v1, h - c.border - 1)
         points = self._fast.detect(image[v0:v1, u0:u1])
-        points = sorted(points, key=lambda p: (-p.response, p.pt[1], p.pt[0]))[: 20 * wanted]
-        found: list[tuple[float, float]] = []
-        for p in points:
-            u, v = int(p.pt[0]) + u0, int(p.pt[1]) + v0
-            if free[v, u]:
-                found.append((float(u), float(v)))
-                cv2.circle(free, (u, v), c.min_distance, 0, -1)
+        if not points:
+            return np.zeros((0, 2))
+        response = np.array([p.response for p in points])
+        strongest = np.argsort(-response, kind="stable")[: 20 * wanted]
+        uv = np.array([points[k].pt for k in strongest.tolist()]) + np.array([u0, v0])
+        far = np.ones(len(uv), dtype=bool)
+        if len(taken):
+            far = ((uv[:, None] - taken) ** 2).sum(axis=2).min(axis=1) > c.min_distance**2
+        found: list[int] = []
+        for k in np.flatnonzero(far).tolist():
+            if all(((uv[k] - uv[j]) ** 2).sum() > c.min_distance**2 for j in found):
+                found.append(k)
                 if len(found) == wanted:
                     break
-        return found
+        return np.asarray(uv[found], dtype=np.float64).reshape(-1, 2)
 
 
 def two_point_inliers(rotated: Vectors, bearings: Vectors, threshold: float, pairs: Floats) -> Mask:
