@@ -10,6 +10,7 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 from threadpoolctl import threadpool_limits
 
 from eval.errors import EvalError
@@ -129,14 +130,14 @@ def _report(result: Run, summary: dict[str, object], out: Path) -> None:
     }
     rows |= {label: summary[key] for key, label in labels.items() if summary.get(key) is not None}
     for label, value in rows.items():
-        table.add_row(label, f"{value:.5g}" if isinstance(value, float) else str(value))
+        table.add_row(Text(label), f"{value:.5g}" if isinstance(value, float) else str(value))
     health = summary["health"]
     assert isinstance(health, dict)
     table.add_row("health", ", ".join(f"{name} {n}" for name, n in health.items() if n))
     skipped = summary["skipped_frames"]
     assert isinstance(skipped, list)
     for line in skipped:
-        table.add_row("skipped", line)
+        table.add_row("skipped", Text(line))
     Console().print(table)
 
 

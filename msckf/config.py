@@ -21,7 +21,7 @@ class VisionConfig:
     min_parallax: float = 3.0  # standard deviations by which an inverse range must exceed zero to be believed
     max_features: int = 40  # used at one frame
     landmarks: int = 40  # features kept in the state once they outlast the window
-    landmark_parallax: float = 10.0  # like min_parallax, for a feature that is to be kept
+    landmark_parallax: float = 20.0  # like min_parallax, for a feature that is to be kept
     max_landmark_shift: float = 0.03  # of its distance, by which the window may have been corrected when one is made
     max_depth: float = 100.0  # m
     min_depth: float = 0.1  # m

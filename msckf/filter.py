@@ -189,7 +189,6 @@ class Filter:
         if self._start_bias is not None:
             self._prior.begin(self.state, self._start_bias)
         self._t_ns = t_ns
-        self._window.advance(self.state, frame.t_ns, observations)
         self._health.started(t_ns)
         self._last_pose = (self.state.R_WB, self.state.p_WB)
         return Estimate(t_ns, Health.TRACKING, ("started",), self.state.snapshot(), len(observations), 0, stages)

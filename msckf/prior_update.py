@@ -32,8 +32,8 @@ class PriorUpdate:
     """Feeds the measurements of one source to the filter.
 
     Model: z = b + c + e (DESIGN of the modelled mode): `c` is a state, constant over the run; `e` is white at one
-    measurement per window, since overlapping windows share it. The plain mode is the paper's factor (Yi et al., eqs. 4
-    and 5): residual W (b - b_hat), every measurement taken, nothing known of its error.
+    measurement per window, since overlapping windows share it. The plain mode is the paper's factor (Yi et al., eqs. 5
+    and 6): residual W (b - b_hat), every measurement taken, nothing known of its error.
     """
 
     def __init__(self, source: BiasPriorSource, config: PriorConfig, noise: ImuNoise) -> None:
@@ -42,6 +42,7 @@ class PriorUpdate:
         self._noise = noise
         self._last_ns: int | None = None
         self._surprises = 0
+        self._before_start: list[BiasPrior] = []
         self.nis: float | None = None  # of the last measurement, before weighting
         self.applied = 0
 
@@ -55,13 +56,13 @@ class PriorUpdate:
         sigma = np.repeat([config.gyro_bias_sigma, config.accel_bias_sigma], 3)
         wide = BiasPrior(t_ns, np.zeros(3), np.zeros(3), np.diag(sigma**2))
         device = self.source.device() or wide
-        measurements = self._thinned(self.source.poll(t_ns))
+        self._before_start += self._thinned(self.source.poll(t_ns))
         constant = self.source.constant_covariance if self.models_error else np.zeros((6, 6))
         mean = np.concatenate([device.vector, np.zeros(6)])
         P = np.zeros((12, 12))
         P[:6, :6], P[6:, 6:] = device.covariance, constant
         H = np.hstack([np.eye(6), np.eye(6) if self.models_error else np.zeros((6, 6))])
-        for z in measurements:
+        for z in self._before_start:
             R = self._noise_of(z, t_ns)
             K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
             mean = mean + K @ (z.vector - H @ mean)
@@ -76,6 +77,7 @@ class PriorUpdate:
 
     def begin(self, state: FilterState, start: StartingBias) -> None:
         """Add `c` to a state that has just started from `start`."""
+        self._before_start = []
         if start.c is None or start.gain is None or start.conditional is None:
             return
         mean = start.c + start.gain @ (state.biases - start.device.vector)

@@ -32,7 +32,7 @@ def add_landmarks(
     """Make landmarks of the features `rows` (U,) behind a measurement that is yet to be applied.
 
     r_1 = H_1 dx + R_1 dp + n determines a position: dp = R_1^-1 (r_1 - H_1 dx - n). What the position cannot explain
-    is in the measurement itself (delayed initialisation: Li and Mourikis 2013, "Optimization-based estimator design for
+    is in the measurement itself (delayed initialisation: Li and Mourikis 2012, "Optimization-based estimator design for
     vision-aided inertial navigation", section IV).
     """
     parts = measurement.parts.rows(rows)

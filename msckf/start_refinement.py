@@ -226,7 +226,8 @@ def _accept(path: Path, system: _System, views: Views, config: StartConfig) -> S
     tilt_sigma = float(np.sqrt(np.diagonal(R_WB @ P[:3, :3] @ R_WB.T)[:2].max()))
     if not np.isfinite(P).all() or velocity_sigma > config.max_velocity_sigma or tilt_sigma > config.max_tilt_sigma:
         return StartResult(None, f"velocity known to {velocity_sigma:.2f} m/s, tilt to {tilt_sigma:.3f} rad only")
-    dof = max(2.0 * views.seen.sum() - 3.0 * len(views.uv), 1.0)
+    seen = views.seen[system.triangulated]
+    dof = max(2.0 * seen.sum() - 3.0 * len(seen), 1.0)
     if system.cost / dof > _MAX_COST_PER_DOF:
         return StartResult(None, f"features and IMU disagree: cost {system.cost / dof:.1f} per degree of freedom")
     return StartResult(State(R_WB, path.p[-1], path.v[-1], path.b_g[-1], path.b_a[-1], 0.5 * (P + P.T)))
