@@ -78,7 +78,9 @@ def study(
     ) as bar:
         task = bar.add_task("preparing", total=None)
         planned = config.study(out)
-        bar.update(task, description="cells", total=len(planned.cells))
+        bar.update(
+            task, description="cells (rendered flights take minutes before their first)", total=len(planned.cells)
+        )
         outcome = run_study(
             planned,
             out,

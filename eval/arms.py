@@ -21,7 +21,7 @@ class Arm:
     Attributes:
         name: for people.
         prior: as `navcore.prior.load_prior` takes it; a file is looked for in the study's folder.
-        noise_seed: another draw of IMU and vision over the same flight: it shows what chance does.
+        noise_seed: another draw of IMU, biases and vision over the same flight: it shows what chance does.
     """
 
     name: str

@@ -25,6 +25,7 @@ HEALTH_COLOURS = {
     Health.LOST: "#D55E00",
 }
 _AXES = ("x", "y", "z")
+_RATIO_TICKS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0]
 _SETTLED = 0.3  # share of a run after which the biases have settled, for the range that a figure shows
 
 
@@ -63,7 +64,7 @@ def ate_by_condition(records: list[Record], scene: str, arms: list[str]) -> Figu
     ticks |= {"range": [-0.6, len(conditions) - 0.4]}
     return {
         "data": traces,
-        "layout": {"xaxis": ticks, "yaxis": {"type": "log", "title": {"text": "ATE [m]"}}},
+        "layout": {"xaxis": ticks, "yaxis": {"type": "log", "dtick": "D2", "title": {"text": "ATE [m]"}}},
     }
 
 
@@ -109,7 +110,8 @@ def ratios(pairs: list[Paired], arms: list[str]) -> Figure:
         "zeroline": False,
         "autorange": "reversed",
     }
-    x_axis = {"type": "log", "title": {"text": "ATE / ATE of the base (left of 1: better)"}, "dtick": "D2"}
+    x_axis: Figure = {"type": "log", "title": {"text": "ATE / ATE of the base (left of 1: better)"}}
+    x_axis |= {"tickvals": _RATIO_TICKS, "ticktext": [f"{v:g}" for v in _RATIO_TICKS]}
     return {"data": traces, "layout": {"xaxis": x_axis, "yaxis": ticks, "shapes": [one]}}
 
 

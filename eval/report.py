@@ -47,20 +47,28 @@ def write_report(outcome: Outcome, folder: Path) -> Path:
 
 
 def headlines(pairs: list[Paired]) -> list[str]:
-    """What the study found, a sentence for each comparison of more than one seed."""
-    sentences = []
+    """What the study found, a sentence for each scene and condition with more than one seed."""
+    groups: dict[tuple[str, str, str], list[str]] = {}
     for p in pairs:
         if p.median is None or len(p.seeds) < 2:
             continue
         if p.low is None or p.high is None:
-            certain = f"too few seeds for an interval ({len(p.seeds)})"
+            certain = f"{len(p.seeds)} seeds, too few for an interval"
         else:
-            certain = f"95 % interval {p.low - 1.0:+.0%} … {p.high - 1.0:+.0%}, {len(p.seeds)} seeds"
-        where = f"{p.scene}, {p.condition}"
-        change = f"ATE of “{p.arm}” is {p.median - 1.0:+.0%} against “{p.base}” ({certain})"
+            certain = f"{_change(p.low)} … {_change(p.high)}, {len(p.seeds)} seeds"
         apart = f"; {p.diverged} diverged against {p.base_diverged}" if p.diverged or p.base_diverged else ""
-        sentences.append(f"{where}: {change}{apart}.")
-    return sentences
+        found = f"{p.arm} {_change(p.median)} ({certain}{apart})"
+        groups.setdefault((p.scene, p.condition, p.base), []).append(found)
+    return [
+        f"{scene}, {condition}, ATE against {base}: {'; '.join(found)}."
+        for (scene, condition, base), found in groups.items()
+    ]
+
+
+def _change(ratio: float) -> str:
+    """A ratio as a change in percent."""
+    percent = round(100.0 * (ratio - 1.0))
+    return f"{percent:+d} %".replace("-", "−") if percent else "±0 %"
 
 
 def _figures(

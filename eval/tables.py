@@ -76,7 +76,7 @@ def paired_table(pairs: Iterable[Paired]) -> Table:
         if len(p.seeds) + p.diverged + p.base_diverged + p.failed < 2:
             continue
         interval = f"{p.low:.3f} … {p.high:.3f}" if p.low is not None and p.high is not None else _NOTHING
-        median = f"{p.median:.3f} ({p.median - 1.0:+.0%})" if p.median is not None else _NOTHING
+        median = f"{p.median:.3f}" if p.median is not None else _NOTHING
         chance = f"{p.p_value:.2g}" if p.p_value is not None else _NOTHING
         counts = (str(p.diverged), str(p.base_diverged), str(p.failed))
         label = (p.scene, p.condition, f"{p.arm} / {p.base}")

@@ -43,7 +43,7 @@ def test_the_page_holds_the_numbers_of_the_tables(folder, page):
             for text in row:
                 assert f">{text}<" in page
     (pair,) = paired(outcome.records, "none")
-    assert pair.median is not None and f"{pair.median - 1.0:+.0%} against" in page
+    assert pair.median is not None and f"better −{100.0 * (1.0 - pair.median):.0f} % (" in page
     assert "14 done, 1 failed" in page
 
 
@@ -77,9 +77,10 @@ def test_pictures_lie_beside_the_page(folder, page):
 def test_the_headline_says_how_sure_it_is(folder):
     records = load(folder).records
     (line,) = headlines(paired(records, "none"))
-    assert re.fullmatch(r"fake, clean: ATE of “better” is -\d\d% against “none” \(95 % interval .* 6 seeds\)\.", line)
+    expected = r"fake, clean, ATE against none: better −\d\d % \(−\d\d % … −\d\d %, 6 seeds\)\."
+    assert re.fullmatch(expected, line)
     (line,) = headlines(paired([r for r in records if r.config["seed"] < 4], "none"))
-    assert "too few seeds for an interval (3)" in line
+    assert "(3 seeds, too few for an interval)" in line
     assert headlines(paired([r for r in records if r.config["seed"] < 2], "none")) == []
 
 
