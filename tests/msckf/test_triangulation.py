@@ -40,7 +40,7 @@ def test_exact_views_give_the_feature_back(mounts):
     views, R_WB, p_WB, p_WF = scenes.views(F=30, mounts=mounts, share_seen=0.7)
     points = triangulate(views, R_WB, p_WB, CONFIG)
     assert points.valid.all()
-    assert points.near.all()
+    assert points.certainty.min() > CONFIG.min_parallax
     np.testing.assert_allclose(points.p_WF, p_WF, atol=1e-4)
     assert points.rms.max() < 1e-3
 
@@ -65,7 +65,7 @@ def test_a_feature_without_parallax_is_put_far_out_along_its_ray():
     views, R_WB, p_WB, p_WF = scenes.views(F=10, noise=0.5, near=400.0, far=900.0)
     points = triangulate(views, R_WB, p_WB, CONFIG)
     assert points.valid.all()
-    assert not points.near.any()
+    assert points.certainty.max() < CONFIG.min_parallax
     R_WC, p_WC = views.camera_poses(R_WB, p_WB)
     ray = (np.swapaxes(R_WC[:, -1], -1, -2) @ (points.p_WF - p_WC[:, -1])[..., None])[..., 0]
     true = (np.swapaxes(R_WC[:, -1], -1, -2) @ (p_WF - p_WC[:, -1])[..., None])[..., 0]
@@ -78,7 +78,7 @@ def test_what_cannot_be_a_feature_is_not_valid():
     views, R_WB, p_WB, _ = scenes.views(F=6)
     backwards = Views(views.rig, views.cameras, views.uv[:, ::-1], views.seen)  # rays meet behind the cameras
     points = triangulate(backwards, R_WB, p_WB, CONFIG)
-    assert not points.near.any()
+    assert points.certainty.max() < CONFIG.min_parallax
     assert points.rms.min() > 10.0
     once = np.zeros_like(views.seen)
     once[:, 3] = True
@@ -97,7 +97,7 @@ def test_too_near_and_too_far_by_the_settings():
 def test_no_features_no_points():
     views, R_WB, p_WB, _ = scenes.views()
     points = triangulate(views.rows(np.zeros(12, dtype=bool)), R_WB, p_WB, CONFIG)
-    assert [len(x) for x in (points.p_WF, points.valid, points.rms, points.near)] == [0, 0, 0, 0]
+    assert [len(x) for x in (points.p_WF, points.valid, points.rms, points.certainty)] == [0, 0, 0, 0]
 
 
 def test_ray_frames_end_in_their_rays():

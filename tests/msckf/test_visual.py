@@ -15,7 +15,7 @@ from msckf.visual import (
     linearise,
     measure,
     normalised_innovations,
-    project_out,
+    split,
 )
 from tests.msckf import scenes
 
@@ -29,7 +29,8 @@ RIGS = {
 @pytest.mark.parametrize("rig", RIGS)
 def test_jacobians_by_pose_and_feature(rig):
     views, R_WB, p_WB, p_WF = scenes.views(F=4, K=5, mounts=RIGS[rig])
-    r, H_x, H_f = linearise(views, R_WB, p_WB, R_WB, p_WB, p_WF)
+    r, H_x, H_f, p_linear = linearise(views, R_WB, p_WB, R_WB, p_WB, p_WF)
+    np.testing.assert_allclose(p_linear, p_WF, atol=1e-12)
     np.testing.assert_allclose(r, 0.0, atol=1e-9)
     for f in range(4):
         m = views.rig.mounts[views.cameras[f]]
@@ -52,8 +53,9 @@ def test_residuals_are_taken_at_the_estimate_and_jacobians_where_told():
     views, R_WB, p_WB, p_WF = scenes.views(F=5, K=6, noise=1.0)
     turn, shift = Rotation.from_rotvec([0.1, -0.2, 0.3]).as_matrix(), np.array([0.4, 0.1, -0.2])
     R_lin, p_lin = turn @ R_WB, p_WB @ turn.T + shift
-    r, H_x, H_f = linearise(views, R_WB, p_WB, R_lin, p_lin, p_WF)
-    r_lin, H_x_lin, H_f_lin = linearise(views, R_lin, p_lin, R_lin, p_lin, p_WF @ turn.T + shift)
+    r, H_x, H_f, p_linear = linearise(views, R_WB, p_WB, R_lin, p_lin, p_WF)
+    np.testing.assert_allclose(p_linear, p_WF @ turn.T + shift, atol=1e-12)
+    r_lin, H_x_lin, H_f_lin, _ = linearise(views, R_lin, p_lin, R_lin, p_lin, p_linear)
     np.testing.assert_allclose(r, r_lin, atol=1e-9)
     np.testing.assert_allclose(H_x, H_x_lin, atol=1e-8)
     np.testing.assert_allclose(H_f, H_f_lin, atol=1e-8)
@@ -62,7 +64,7 @@ def test_residuals_are_taken_at_the_estimate_and_jacobians_where_told():
 def test_what_was_not_seen_says_nothing():
     views, R_WB, p_WB, p_WF = scenes.views(share_seen=0.5, noise=1.0)
     assert not views.seen.all()
-    for array in linearise(views, R_WB, p_WB, R_WB, p_WB, p_WF):
+    for array in linearise(views, R_WB, p_WB, R_WB, p_WB, p_WF)[:3]:
         assert not array[~views.seen].any()
         assert array[views.seen].any()
 
@@ -71,7 +73,7 @@ def linear_system(share_seen=0.6):
     views, R_WB, p_WB, p_WF = scenes.views(share_seen=share_seen, noise=1.0)
     rng = np.random.default_rng(2)
     A = rng.standard_normal((48, 60))
-    return views, linearise(views, R_WB, p_WB, R_WB, p_WB, p_WF), 1e-5 * A @ A.T
+    return views, linearise(views, R_WB, p_WB, R_WB, p_WB, p_WF)[:3], 1e-5 * A @ A.T
 
 
 def explicit(views, r, H_x, H_f, f):
@@ -87,7 +89,8 @@ def explicit(views, r, H_x, H_f, f):
 
 def test_projection_keeps_what_a_left_null_space_basis_keeps():
     views, (r, H_x, H_f), P = linear_system()
-    r_0, H_0 = project_out(r, H_x, H_f)
+    parts = split(r, H_x, H_f)
+    r_0, H_0 = parts.r, parts.H
     nis = normalised_innovations(r_0, H_0, P, pixel_noise=1.3)
     for f in range(len(r)):
         r_f, H = explicit(views, r, H_x, H_f, f)
@@ -95,6 +98,25 @@ def test_projection_keeps_what_a_left_null_space_basis_keeps():
         np.testing.assert_allclose(H_0[f].T @ r_0[f], H.T @ r_f, atol=1e-7)
         S = H @ P @ H.T + 1.3**2 * np.eye(len(H))
         assert nis[f] == pytest.approx(r_f @ np.linalg.solve(S, r_f), rel=1e-9)
+
+
+def test_the_two_parts_of_a_split_hold_everything():
+    """[H, 0; H_1, R_1] has the normal equations of all rows [H_x, H_f], feature by feature."""
+    _, (r, H_x, H_f), _ = linear_system()
+    parts = split(r, H_x, H_f)
+    F, K = r.shape[:2]
+    for f in range(F):
+        whole = np.zeros((2 * K, 6 * K + 3))
+        for k in range(K):
+            whole[2 * k : 2 * k + 2, 6 * k : 6 * k + 6] = H_x[f, k]
+        whole[:, 6 * K :] = H_f[f].reshape(-1, 3)
+        apart = np.block([[parts.H[f], np.zeros((2 * K, 3))], [parts.H_1[f], parts.R_1[f]]])
+        np.testing.assert_allclose(apart.T @ apart, whole.T @ whole, atol=1e-6)
+        residual = np.concatenate([parts.r[f], parts.r_1[f]])
+        np.testing.assert_allclose(apart.T @ residual, whole.T @ r[f].ravel(), atol=1e-6)
+    some = parts.rows(np.arange(F) % 2 == 0)
+    np.testing.assert_array_equal(some.R_1, parts.R_1[::2])
+    np.testing.assert_array_equal(some.H, parts.H[::2])
 
 
 def test_compression_keeps_the_information():
@@ -127,8 +149,8 @@ def test_innovations_are_chi_square_with_the_stated_degrees():
         R_hat, p_hat = R_WB @ Rotation.from_rotvec(d[:, :3]).as_matrix(), p_WB + d[:, 3:]
         m = measure(views, R_hat, p_hat, R_hat, p_hat, np.diag(sigma**2), config)
         assert m.used.sum() >= 19  # nothing is refused for its innovation
-        total, dof = total + m.nis[m.used].sum(), dof + m.dof[m.used].sum()
-        shares.append((m.nis[m.used] > chi2.ppf(0.95, m.dof[m.used])).mean())
+        total, dof = total + m.nis.sum(), dof + m.dof.sum()
+        shares.append((m.nis > chi2.ppf(0.95, m.dof)).mean())
     assert total / dof == pytest.approx(1.0, abs=0.05)
     assert np.mean(shares) == pytest.approx(0.05, abs=0.03)
 
@@ -141,6 +163,8 @@ def test_a_feature_that_moved_by_itself_is_refused():
     m = measure(cheated, R_WB, p_WB, R_WB, p_WB, 1e-6 * np.eye(48), VisionConfig())
     assert m.rejected.tolist() == [f == 3 for f in range(12)]
     assert m.used.tolist() == [f != 3 for f in range(12)]
+    assert len(m.points.p_WF) == len(m.p_linear) == len(m.parts.r) == 11
+    assert len(m.nis) == len(m.dof) == 12
     clean = measure(cheated.rows(~m.rejected), R_WB, p_WB, R_WB, p_WB, 1e-6 * np.eye(48), VisionConfig())
     np.testing.assert_allclose(m.H.T @ m.H, clean.H.T @ clean.H, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(m.H.T @ m.r, clean.H.T @ clean.r, rtol=1e-6, atol=1e-6)
