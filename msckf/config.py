@@ -26,6 +26,9 @@ class VisionConfig:
     max_depth: float = 100.0  # m
     min_depth: float = 0.1  # m
     gate_probability: float = 0.99  # of the chi-square test, feature by feature
+    extrinsics: bool = True  # estimate where the cameras sit, beginning at their calibration
+    extrinsics_rotation_sigma: float = 0.005  # rad, how well the calibration knows it
+    extrinsics_position_sigma: float = 0.01  # m, likewise
     fej: bool = True  # linearise at first estimates
 
 

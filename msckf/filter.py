@@ -186,6 +186,9 @@ class Filter:
         if self._last_pose is not None:
             state = continued(state, *self._last_pose)
         self.state = FilterState(state, fej=self.config.vision.fej)
+        v = self.config.vision
+        if v.extrinsics:
+            self.state.estimate_extrinsics(self._rig, v.extrinsics_rotation_sigma, v.extrinsics_position_sigma)
         if self._start_bias is not None:
             self._prior.begin(self.state, self._start_bias)
         self._t_ns = t_ns

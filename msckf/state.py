@@ -6,6 +6,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from msckf.propagation import Increment, noise_in_world, predict, transition
+from msckf.views import Rig
 from navcore import so3
 from navcore.arrays import Floats, Mask, Rotations, Stamps, Vectors
 from navcore.odometry import State
@@ -75,13 +76,15 @@ class Landmarks:
 class FilterState:
     """Nominal state and covariance, changed only together.
 
-    Error order: `dtheta, dp, dv, db_g, db_a`, then the prior's error `c` (6, if it is estimated), then clones
-    (`dtheta, dp` each), then landmarks (3 each). With `fej` off, linearisation points follow the current estimates.
+    Error order: `dtheta, dp, dv, db_g, db_a`, then where the cameras sit (`dtheta, dp` each, if it is estimated), the
+    prior's error `c` (6, likewise), clones (`dtheta, dp` each), landmarks (3 each). With `fej` off, linearisation
+    points follow the current estimates.
     """
 
     def __init__(self, start: State, *, fej: bool = True) -> None:
         self.R_WB, self.p_WB, self.v_WB = start.R_WB.copy(), start.p_WB.copy(), start.v_WB.copy()
         self.b_g, self.b_a = start.b_g.copy(), start.b_a.copy()
+        self.rig: Rig | None = None
         self.c: Floats | None = None
         self.clones = Clones.none()
         self.landmarks = Landmarks.none()
@@ -104,14 +107,25 @@ class FilterState:
         return len(self._P)
 
     @property
+    def extrinsics(self) -> slice:
+        """Where the cameras' poses in B are; empty when they are not estimated."""
+        return slice(IMU_SIZE, IMU_SIZE + (0 if self.rig is None else CLONE_SIZE * len(self.rig.mounts)))
+
+    @property
     def prior_error(self) -> slice:
         """Where `c` is; empty when it is not estimated."""
-        return slice(IMU_SIZE, self.clone_start)
+        return slice(self.extrinsics.stop, self.extrinsics.stop + (0 if self.c is None else 6))
 
     @property
     def clone_start(self) -> int:
         """Index of the first clone's first error state."""
-        return IMU_SIZE + (0 if self.c is None else 6)
+        return int(self.prior_error.stop)
+
+    @property
+    def seen_columns(self) -> Stamps:
+        """Error states that observations over the window depend on: extrinsics and clones."""
+        clones = np.arange(self.clone_start, self.clone_stop)
+        return np.concatenate([np.arange(IMU_SIZE, self.prior_error.start), clones])
 
     def clone(self, k: int) -> slice:
         """Where clone `k` is."""
@@ -198,18 +212,17 @@ class FilterState:
             np.delete(c.p_first, k, axis=0),
         )
 
-    def add_landmarks(
-        self, keys: Stamps, p_WF: Vectors, p_first: Vectors, by_clones: Floats, covariance: Floats
-    ) -> None:
-        """Append landmarks that are linear in the clones.
+    def add_landmarks(self, keys: Stamps, p_WF: Vectors, p_first: Vectors, by_seen: Floats, covariance: Floats) -> None:
+        """Append landmarks that are linear in what the window's observations depend on.
 
         Args:
             keys: (n,), p_WF: (n, 3) m, p_first: (n, 3) m where they are linearised.
-            by_clones: (3 n, 6 K) derivative of the positions by the clones' errors.
+            by_seen: (3 n, m) derivative of the positions by the error states `seen_columns`.
             covariance: (3 n, 3 n) of the rest, independent of the state.
         """
-        cross = by_clones @ self._P[self.clone_start : self.clone_stop]  # (3 n, size)
-        corner = cross[:, self.clone_start : self.clone_stop] @ by_clones.T + covariance
+        columns = self.seen_columns
+        cross = by_seen @ self._P[columns]  # (3 n, size)
+        corner = cross[:, columns] @ by_seen.T + covariance
         self._P = np.block([[self._P, cross.T], [cross, 0.5 * (corner + corner.T)]])
         m = self.landmarks
         self.landmarks = Landmarks(
@@ -227,6 +240,18 @@ class FilterState:
         m = self.landmarks
         self.landmarks = Landmarks(m.keys[~mask], m.p_WF[~mask], m.p_first[~mask])
 
+    def estimate_extrinsics(self, rig: Rig, rotation_sigma: float, position_sigma: float) -> None:
+        """Begin to estimate where the cameras of `rig` sit, known so far to these sigmas [rad, m]; before any clone."""
+        sigma = np.tile(np.repeat([rotation_sigma, position_sigma], 3), len(rig.mounts))
+        n, m = self.size, len(sigma)
+        P = np.zeros((n + m, n + m))
+        i = self.extrinsics.start
+        old = np.r_[0:i, i + m : n + m]
+        P[np.ix_(old, old)] = self._P
+        P[i : i + m, i : i + m] = np.diag(sigma**2)
+        self._P = P
+        self.rig = rig
+
     def add_prior_error(self, mean: Floats, gain: Floats, conditional: Floats) -> None:
         """Begin to estimate the prior's error `c`, given how it hangs together with the biases.
 
@@ -236,7 +261,7 @@ class FilterState:
         Args:
             mean: (6,) of `c` at the present biases, gain: (6, 6), conditional: (6, 6).
         """
-        n, i = self.size, IMU_SIZE
+        n, i = self.size, self.prior_error.start
         cross = gain @ self._P[BIASES]  # (6, n)
         P = np.zeros((n + 6, n + 6))
         old = np.r_[0:i, i + 6 : n + 6]
@@ -271,6 +296,8 @@ class FilterState:
         self.v_WB = self.v_WB + dx[VELOCITY]
         self.b_g = self.b_g + dx[GYRO_BIAS]
         self.b_a = self.b_a + dx[ACCEL_BIAS]
+        if self.rig is not None:
+            self.rig = self.rig.moved(dx[self.extrinsics].reshape(-1, CLONE_SIZE))
         if self.c is not None:
             self.c = self.c + dx[self.prior_error]
         if len(self.clones):

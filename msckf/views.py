@@ -5,25 +5,36 @@ from functools import cached_property
 
 import numpy as np
 
+from navcore import so3
 from navcore.arrays import Floats, Mask, Pixels, Rotations, Stamps, Vectors
 from navcore.calibration import CameraMount
 
 
 @dataclass(frozen=True)
 class Rig:
-    """The cameras in use, as arrays by camera index."""
+    """The cameras in use, and where they sit: as they were calibrated, or as estimated since.
+
+    Attributes:
+        mounts: the cameras as calibrated.
+        estimated: R_BC (C, 3, 3) and p_BC (C, 3) that differ from the calibration, or None.
+    """
 
     mounts: tuple[CameraMount, ...]
+    estimated: tuple[Rotations, Vectors] | None = None
 
     @cached_property
     def R_BC(self) -> Rotations:
         """(C, 3, 3)."""
-        return np.stack([m.R_BC for m in self.mounts])
+        return np.stack([m.R_BC for m in self.mounts]) if self.estimated is None else self.estimated[0]
 
     @cached_property
     def p_BC(self) -> Vectors:
         """(C, 3)."""
-        return np.stack([m.p_BC for m in self.mounts])
+        return np.stack([m.p_BC for m in self.mounts]) if self.estimated is None else self.estimated[1]
+
+    def moved(self, d: Floats) -> "Rig":
+        """The rig after an error state (C, 6): dtheta on the right of R_BC, dp in B."""
+        return Rig(self.mounts, (so3.normalise(self.R_BC @ so3.exp(d[:, :3])), self.p_BC + d[:, 3:]))
 
     def project_jacobian(self, cameras: Stamps, p_CF: Vectors) -> tuple[Pixels, Floats]:
         """Pixels (F, K, 2) and derivatives (F, K, 2, 3) of points (F, K, 3), row f through camera `cameras[f]`."""

@@ -17,7 +17,8 @@ class VisualMeasurement:
     """What F features seen from K clones say about the clones, and about themselves.
 
     Attributes:
-        H, r: (m, 6 K), (m,) px: a measurement of the clones, free of the features, with white noise of `pixel_noise`.
+        H, r: (m, n), (m,) px: a measurement of the clones, after the extrinsics if those are estimated, free of the
+            features, with white noise of `pixel_noise`.
         used: (F,) features behind it.
         rejected: (F,) features that the chi-square test refused.
         nis, dof: (T,) normalised innovation squared of the features that were tested, and its degrees of freedom.
@@ -87,6 +88,22 @@ def linearise(
     return r, H_x, H_f, moved
 
 
+def by_extrinsics(views: Views, H_f: Floats, R_lin: Rotations, p_lin: Vectors, p_linear: Vectors) -> Floats:
+    """(F, 2 K, 6 C) derivatives of the pixels by where the cameras sit, from those by the features, H_f (F, K, 2, 3).
+
+    With J_B = H_f R_WB and y = p_BF - p_BC: d uv / d dtheta_BC = J_B [y]x R_BC, d uv / d dp_BC = -J_B.
+    """
+    rig, cameras = views.rig, views.cameras
+    F, K = H_f.shape[:2]
+    J_B = H_f @ R_lin
+    p_BF = (np.swapaxes(R_lin, -1, -2) @ (p_linear[:, None] - p_lin)[..., None])[..., 0]
+    y = p_BF - rig.p_BC[cameras][:, None]
+    H = np.zeros((F, K, 2, len(rig.mounts), 6))
+    own = np.concatenate([J_B @ so3.hat(y) @ rig.R_BC[cameras][:, None], -J_B], axis=-1)
+    H[np.arange(F), :, :, cameras] = own
+    return H.reshape(F, 2 * K, -1)
+
+
 def _in_camera(views: Views, R_WB: Rotations, p_WB: Vectors, features: Vectors) -> Vectors:
     """Features (F, 3) in the camera frame of every view, (F, K, 3)."""
     R_WC, p_WC = views.camera_poses(R_WB, p_WB)
@@ -113,7 +130,7 @@ class Split:
         return Split(self.r[mask], self.H[mask], self.r_1[mask], self.H_1[mask], self.R_1[mask])
 
 
-def split(r: Floats, H_x: Floats, H_f: Floats) -> Split:
+def split(r: Floats, H_x: Floats, H_f: Floats, H_e: Floats | None = None) -> Split:
     """Separate what the features' positions can explain from what they cannot.
 
     With H_f = Q_1 R_1 (reduced QR), I - Q_1 Q_1^T projects onto the left null space of H_f. Least squares and the
@@ -122,12 +139,15 @@ def split(r: Floats, H_x: Floats, H_f: Floats) -> Split:
 
     Args:
         r: (F, K, 2), H_x: (F, K, 2, 6), H_f: (F, K, 2, 3), zero where not seen.
+        H_e: (F, 2 K, e) by other states, whose columns come before those of the poses.
     """
     F, K = r.shape[:2]
     blocks = np.zeros((F, K, 2, K, 6))
     k = np.arange(K)
     blocks[:, k, :, k] = np.swapaxes(H_x, 0, 1)
     H, r = blocks.reshape(F, 2 * K, 6 * K), r.reshape(F, 2 * K)
+    if H_e is not None:
+        H = np.concatenate([H_e, H], axis=-1)
     Q_1, R_1 = np.linalg.qr(H_f.reshape(F, 2 * K, 3))
     Q_t = np.swapaxes(Q_1, -1, -2)
     r_1, H_1 = (Q_t @ r[..., None])[..., 0], Q_t @ H
@@ -164,14 +184,17 @@ def measure(
     p_lin: Vectors,
     P: Floats,
     config: VisionConfig,
+    *,
+    extrinsics: bool = False,
 ) -> VisualMeasurement | None:
     """Everything that F features seen from K clones say about the clones, gated and compressed.
 
     Args:
         views: what was seen.
         R_WB, p_WB: clone poses; R_lin, p_lin: where to linearise.
-        P: (6 K, 6 K) covariance of the clones.
+        P: (n, n) covariance of the clones, after that of the extrinsics if those are estimated.
         config: noise, limits and gate.
+        extrinsics: whether they are estimated.
 
     Returns:
         None if no feature passed.
@@ -184,7 +207,7 @@ def measure(
         return None
     views, points = views.rows(sane), points.rows(sane)
     r, H_x, H_f, p_linear = linearise(views, R_WB, p_WB, R_lin, p_lin, points.p_WF)
-    parts = split(r, H_x, H_f)
+    parts = split(r, H_x, H_f, by_extrinsics(views, H_f, R_lin, p_lin, p_linear) if extrinsics else None)
     nis = normalised_innovations(parts.r, parts.H, P, config.pixel_noise)
     dof = 2.0 * views.seen.sum(axis=1) - 3.0
     passed = nis <= chi_square_quantile(config.gate_probability, dof)

@@ -44,7 +44,7 @@ class VisualWindow:
         leaving = self.table.seen[:, 0] if full else np.zeros(len(self.table), dtype=bool)
         candidates = (~self.table.alive | leaving) & (self.table.views >= self.config.min_views)
         lasting = candidates & self.table.alive & self.table.seen.all(axis=1)
-        corrected = update_landmarks(state, self.rig, observations, self.config)
+        corrected = update_landmarks(state, state.rig or self.rig, observations, self.config)
         outcome = self._use(state, self._longest(candidates), lasting)
         self.table.drop_rows(~self.table.alive)
         if full:
@@ -54,9 +54,9 @@ class VisualWindow:
             outcome.used + corrected.used, outcome.rejected + corrected.rejected, outcome.nis, outcome.dof
         )
 
-    def _views(self, rows: Mask) -> Views:
+    def _views(self, rows: Mask, rig: Rig) -> Views:
         t = self.table
-        return Views(self.rig, t.cameras[rows], t.uv[rows], t.seen[rows], t.bearings[rows])
+        return Views(rig, t.cameras[rows], t.uv[rows], t.seen[rows], t.bearings[rows])
 
     def _longest(self, candidates: Mask) -> Mask:
         """The features with the most views among the candidates, as many as may be used."""
@@ -72,10 +72,12 @@ class VisualWindow:
         if not chosen.any():
             return VisualOutcome()
         clones, config = state.clones, self.config
-        first, last = state.clone_start, state.clone_stop
+        columns = state.seen_columns
         R_lin, p_lin = state.linearisation_clones
-        P = state.covariance[first:last, first:last]
-        m = measure(self._views(chosen), clones.R_WB, clones.p_WB, R_lin, p_lin, P, config)
+        P = state.covariance[np.ix_(columns, columns)]
+        views = self._views(chosen, state.rig or self.rig)
+        estimated = state.rig is not None
+        m = measure(views, clones.R_WB, clones.p_WB, R_lin, p_lin, P, config, extrinsics=estimated)
         if m is None:
             return VisualOutcome()
         where = np.flatnonzero(chosen)
@@ -84,7 +86,7 @@ class VisualWindow:
         if promoted.any():
             add_landmarks(state, self.table.keys[where[m.used][promoted]], m, promoted, config)
         if m.used.any():
-            state.update(m.H, np.arange(first, last), m.r, config.pixel_noise**2 * np.eye(len(m.r)))
+            state.update(m.H, columns, m.r, config.pixel_noise**2 * np.eye(len(m.r)))
         spent = np.zeros(len(self.table), dtype=bool)
         spent[where[m.used | m.rejected]] = True
         self.table.alive[where[m.used][promoted]] = False  # the state follows them from here on
