@@ -86,7 +86,7 @@ def update_landmarks(state: FilterState, rig: Rig, observations: Observations, c
 
 
 def _predict(state: FilterState, rig: Rig, k: int, cameras: Stamps, uv: Floats) -> tuple[Floats, Floats, Vectors]:
-    """Residuals (n, 2) of all landmarks in clone `k`, H (n, 2, 6 C + 9) by extrinsics, clone and landmark, p_CF (n, 3)."""
+    """Residuals (n, 2) of all landmarks in clone `k`, H (n, 2, 6 C + 9) by extrinsics, clone, landmark; p_CF."""
     R_BC, p_BC = rig.R_BC[cameras], rig.p_BC[cameras]
     R_CB = np.swapaxes(R_BC, -1, -2)
 

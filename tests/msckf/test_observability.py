@@ -14,7 +14,7 @@ from navcore.odometry import run
 from sim.points import simulate_points
 
 E_Z = np.array([0.0, 0.0, 1.0])
-POSE_ONLY = {"vision.landmarks": 0, "standstill.enabled": False, "start.mode": "moving"}
+POSE_ONLY = {"vision.landmarks": 0, "vision.extrinsics": False, "standstill.enabled": False, "start.mode": "moving"}
 
 
 def directions(R_WB, p_WB, v_WB=None):

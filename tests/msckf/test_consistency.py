@@ -1,0 +1,111 @@
+"""Is the filter as good as it says? Over many seeded flights, with the bounds of `eval.consistency`.
+
+Each flight is a quadrotor's with EuRoC-like noise, in points mode. Run with -s to see the tables.
+"""
+
+from collections.abc import Callable
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+
+from eval.consistency import Consistency, judge, nees
+from eval.metrics import score
+from navcore.odometry import Health
+from navcore.prior import BiasPrior
+from navcore.priors.listed import ListedPrior
+from navcore.sequence import Sequence
+from sim.points import simulate_points
+from tests.msckf.flights import fly
+
+SEEDS = range(1, 51)
+TAKE_OFF_S = 4.0  # of the flight, after which everything can be observed
+
+pytestmark = pytest.mark.slow
+
+
+def over_seeds(worker: Callable, seeds=SEEDS):
+    """The worker's answer for every seed, on two processes."""
+    with get_context("fork").Pool(2) as pool:
+        return pool.map(worker, seeds, chunksize=1)
+
+
+def of_block(verdict: Consistency, *blocks: str):
+    """What is wrong with some of the blocks."""
+    return [reason for reason in verdict.reasons if reason.startswith(tuple(f"{block}:" for block in blocks))]
+
+
+def flight_of(seed):
+    """Of one flight: NEES, ATE as a share of the path, and how often it was lost."""
+    sequence = simulate_points(seed=seed, seconds=60.0)
+    result = fly(sequence)
+    scores = score(result.trajectory, sequence.truth)
+    lost = sum(e.health is Health.LOST for e in result.estimates)
+    return nees(result, sequence.truth, skip_s=TAKE_OFF_S), scores["ate_m"] / scores["path_m"], lost
+
+
+def test_fifty_flights_are_consistent_and_none_diverges():
+    values, shares, lost = zip(*over_seeds(flight_of), strict=True)
+    verdict = judge(values)
+    print(f"\n{verdict}\nATE {100 * np.mean(shares):.4f} % of the path, worst {100 * max(shares):.4f} %")
+    assert sum(lost) == 0
+    assert max(shares) < 0.0015
+    assert verdict.passed, str(verdict)
+
+
+def flight_without_first_estimates(seed):
+    sequence = simulate_points(seed=seed, seconds=60.0)
+    return nees(fly(sequence, vision__fej=False), sequence.truth, skip_s=TAKE_OFF_S)
+
+
+def test_without_first_estimates_yaw_is_overconfident():
+    verdict = judge(over_seeds(flight_without_first_estimates, SEEDS[:30]))
+    print(f"\n{verdict}")
+    assert of_block(verdict, "dtheta")
+    assert verdict.mean_per_dof[0] > 1.3
+
+
+# -- a prior that is wrong by a constant, and repeats its noise -------------------------------------------------
+
+WINDOW_S, EVERY_S = 5.0, 0.5
+SIGMA_C = np.repeat([0.004, 0.04], 3)
+SIGMA_E = np.repeat([0.003, 0.03], 3)
+POOR_VISION = {"pixel_noise": 2.0, "max_features": 25, "track_life_s": 0.7}
+
+
+def network_like(sequence: Sequence, rng: np.random.Generator) -> ListedPrior:
+    """z = b + c + e at overlapping windows: c once a run, e the mean of white noise over each window."""
+    t_ns = np.arange(sequence.imu.t_ns[0], sequence.imu.t_ns[-1], round(EVERY_S * 1e9))
+    share = round(WINDOW_S / EVERY_S)
+    white = rng.standard_normal((len(t_ns) + share, 6)) * np.sqrt(share)
+    e = np.array([white[k : k + share].mean(axis=0) for k in range(len(t_ns))]) * SIGMA_E
+    true = sequence.truth.at(t_ns)
+    z = np.hstack([true.b_g, true.b_a]) + SIGMA_C * rng.standard_normal(6) + e
+    first = round(0.5 * WINDOW_S / EVERY_S)  # the first whole window
+    measurements = [BiasPrior(int(t), v[:3], v[3:], np.diag(SIGMA_E**2)) for t, v in zip(t_ns, z, strict=True)]
+    return ListedPrior(measurements[first:], None, WINDOW_S, np.diag(SIGMA_C**2))
+
+
+def arms_of(seed):
+    """NEES of one flight under poor vision by arm."""
+    sequence = simulate_points(seed=seed, seconds=20.0, **POOR_VISION)
+    arms = {}
+    for arm, prior in (("none", False), ("modelled", True), ("plain", True)):
+        source = network_like(sequence, np.random.default_rng([seed, 1])) if prior else None
+        mode = {"prior__mode": arm} if prior else {}
+        result = fly(sequence, source, vision__pixel_noise=2.0, **mode)
+        arms[arm] = nees(result, sequence.truth, skip_s=TAKE_OFF_S), result.sigmas[-1, 3:].mean(axis=1)
+    return arms
+
+
+def test_a_prior_is_consistent_as_modelled_and_overconfident_as_plain():
+    flights = over_seeds(arms_of)
+    verdicts = {arm: judge([f[arm][0] for f in flights]) for arm in flights[0]}
+    sigmas = {arm: np.mean([f[arm][1] for f in flights], axis=0) for arm in flights[0]}
+    for arm, verdict in verdicts.items():
+        print(f"\n{arm}: sigma at the end {sigmas[arm][0]:.2e} rad/s, {sigmas[arm][1]:.2e} m/s^2\n{verdict}")
+    assert not of_block(verdicts["none"], "db_g", "db_a")
+    assert not of_block(verdicts["modelled"], "db_g", "db_a")
+    assert sigmas["modelled"][1] < 0.8 * sigmas["none"][1]  # and it says something
+    assert of_block(verdicts["plain"], "db_a")
+    assert verdicts["plain"].mean_per_dof[4] > 1.3
