@@ -139,8 +139,8 @@ def test_every_transition_carries_the_directions_on(monkeypatch):
     assert max(worst) < 1e-9
 
 
-def test_landmarks_say_nothing_of_the_directions_either(monkeypatch):
-    """Every measurement of a flight with landmarks, at the points where it was linearised."""
+def test_landmarks_and_extrinsics_say_nothing_of_the_directions_either(monkeypatch):
+    """Every measurement of a flight with both in the state, at the points where it was linearised."""
     real, shares, kinds = FilterState.update, [], set()
 
     def update(self, H, columns, r, R):
@@ -151,6 +151,6 @@ def test_landmarks_say_nothing_of_the_directions_either(monkeypatch):
         real(self, H, columns, r, R)
 
     monkeypatch.setattr(FilterState, "update", update)
-    fly(fej=True, **{"vision.landmarks": 40})
+    fly(fej=True, **{"vision.landmarks": 40, "vision.extrinsics": True})
     assert kinds == {False, True}
     assert max(shares) < 1e-9

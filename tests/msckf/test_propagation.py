@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from filterpy.common import van_loan_discretization
 from jacobians import assert_jacobian
-from scipy.linalg import block_diag
+from scipy.linalg import block_diag, expm
 from scipy.spatial.transform import Rotation
 
 from msckf.imu_buffer import Cells, ImuBuffer
-from msckf.propagation import Increment, _steps, integrate, noise_in_world, predict, transition
+from msckf.propagation import Increment, _integrals, _steps, integrate, noise_in_world, predict, transition
 from navcore import so3
 from navcore.imu import ImuNoise
 from sim.imu import exact_imu
@@ -64,6 +64,18 @@ def assert_blocks(f, x, J, rtol):
                 assert_jacobian(f, x, J[rows, columns], moved, lambda a, b, rows=rows: local(a, b)[rows], rtol, 1e-10)
             except AssertionError as error:
                 raise AssertionError(f"block ({i}, {j})") from error
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-6, 9.99e-3, 1.001e-2, 0.5, 3.0])
+def test_integrals_of_a_turn_against_the_matrix_exponential(angle):
+    """expm([[A, I, 0], [0, 0, I], [0, 0, 0]]) holds exp(A), its mean and its double integral, on both sides of the
+    angle at which series take over."""
+    phi = angle * np.array([0.6, -0.48, 0.64])
+    block = np.zeros((9, 9))
+    block[0:3, 0:3], block[0:3, 3:6], block[3:6, 6:9] = so3.hat(phi), np.eye(3), np.eye(3)
+    whole = expm(block)
+    for found, k in zip(_integrals(phi[None]), range(0, 9, 3), strict=True):
+        np.testing.assert_allclose(found[0], whole[0:3, k : k + 3], rtol=0, atol=1e-11)
 
 
 def test_the_transition_of_one_cell():

@@ -9,7 +9,7 @@ from msckf.config import VisionConfig
 from msckf.frontend import Observations
 from msckf.slam import add_landmarks, promotable, update_landmarks
 from msckf.state import FilterState
-from msckf.visual import linearise, measure
+from msckf.visual import by_extrinsics, linearise, measure
 from navcore import so3
 from navcore.odometry import State
 from tests.msckf import scenes
@@ -18,13 +18,15 @@ CONFIG = VisionConfig()
 K = 8
 
 
-def window(seed=0, noise=1.0, fej=True, sigma=(0.001, 0.005), **depths):
+def window(seed=0, noise=1.0, fej=True, sigma=(0.001, 0.005), extrinsics=False, **depths):
     """A state whose clones are a scene's poses, each off by a draw of its covariance, and the scene's views."""
     views, R_WB, p_WB, p_WF = scenes.views(F=10, K=K, seed=seed, noise=noise, **depths)
     rng = np.random.default_rng(seed + 1)
     d = rng.standard_normal((K, 6)) * np.repeat(sigma, 3)
     zero = np.zeros(3)
     state = FilterState(State(R_WB[0], p_WB[0], zero, zero, zero, np.eye(15)), fej=fej)
+    if extrinsics:
+        state.estimate_extrinsics(views.rig, 0.01, 0.02)
     for k in range(K):
         state.R_WB = R_WB[k] @ Rotation.from_rotvec(d[k, :3]).as_matrix()
         state.p_WB = p_WB[k] + d[k, 3:]
@@ -39,10 +41,10 @@ def window(seed=0, noise=1.0, fej=True, sigma=(0.001, 0.005), **depths):
 
 
 def measured(state, views):
-    first, last = state.clone_start, state.clone_stop
-    P = state.covariance[first:last, first:last]
-    R_lin, p_lin = state.linearisation_clones
-    return measure(views, state.clones.R_WB, state.clones.p_WB, R_lin, p_lin, P, CONFIG)
+    columns = state.seen_columns
+    P = state.covariance[np.ix_(columns, columns)]
+    poses = (state.clones.R_WB, state.clones.p_WB, *state.linearisation_clones)
+    return measure(views, *poses, P, CONFIG, extrinsics=state.rig is not None)
 
 
 def with_landmarks(n=4, **scene):
@@ -52,23 +54,27 @@ def with_landmarks(n=4, **scene):
     rows = np.zeros(int(m.used.sum()), dtype=bool)
     rows[:n] = True
     add_landmarks(state, np.arange(10)[m.used][:n], m, rows, CONFIG)
-    state.update(m.H, np.arange(state.clone_start, state.clone_stop), m.r, CONFIG.pixel_noise**2 * np.eye(len(m.r)))
+    state.update(m.H, state.seen_columns, m.r, CONFIG.pixel_noise**2 * np.eye(len(m.r)))
     return state, views, p_WF[m.used][:n]
 
 
-def test_delayed_initialisation_is_least_squares_over_clones_and_landmarks():
+@pytest.mark.parametrize("extrinsics", [False, True])
+def test_delayed_initialisation_is_least_squares_over_clones_and_landmarks(extrinsics):
     """One set of normal equations in which nothing is known of the landmarks but their views."""
-    state, views, _ = window()
+    state, views, _ = window(extrinsics=extrinsics)
     m = measured(state, views)
     rows = np.arange(10)[m.used] < 4
     n, clones = int(rows.sum()), slice(state.clone_start, state.clone_stop)
     R_lin, p_lin = state.linearisation_clones
     poses = (state.clones.R_WB, state.clones.p_WB, R_lin, p_lin)
-    r, H_x, H_f, _ = linearise(views.rows(m.used), *poses, m.points.p_WF)
+    r, H_x, H_f, p_linear = linearise(views.rows(m.used), *poses, m.points.p_WF)
+    H_e = by_extrinsics(views.rows(m.used), H_f, R_lin, p_lin, p_linear).reshape(*r.shape, 6)
     size = state.size + 3 * len(r)
     H = np.zeros((*r.shape, size))
     for f in range(len(r)):
         for k in range(K):
+            if extrinsics:
+                H[f, k][:, state.extrinsics] = H_e[f, k]
             H[f, k][:, clones.start + 6 * k : clones.start + 6 * k + 6] = H_x[f, k]
             H[f, k][:, state.size + 3 * f : state.size + 3 * f + 3] = H_f[f, k]
     H = H.reshape(r.size, size) / CONFIG.pixel_noise
@@ -79,7 +85,7 @@ def test_delayed_initialisation_is_least_squares_over_clones_and_landmarks():
 
     p_before = state.clones.p_WB.copy()
     add_landmarks(state, np.arange(n), m, rows, CONFIG)
-    state.update(m.H, np.arange(clones.start, clones.stop), m.r, CONFIG.pixel_noise**2 * np.eye(len(m.r)))
+    state.update(m.H, state.seen_columns, m.r, CONFIG.pixel_noise**2 * np.eye(len(m.r)))
     keep = np.r_[: state.clone_stop, state.clone_stop + (3 * np.flatnonzero(rows)[:, None] + np.arange(3)).ravel()]
     sigma = np.sqrt(np.diagonal(state.covariance))
     off = (state.covariance - P[np.ix_(keep, keep)]) / np.outer(sigma, sigma)
@@ -137,28 +143,35 @@ def seen_now(views, keys, shift=0.0):
     return Observations(keys, views.cameras[keys], uv, views.rig.unproject(views.cameras[keys], uv))
 
 
+@pytest.mark.parametrize("extrinsics", [False, True])
 @pytest.mark.parametrize("fej", [True, False])
-def test_the_jacobian_of_a_view(fej, monkeypatch):
-    state, views, _ = with_landmarks(fej=fej)
+def test_the_jacobian_of_a_view(fej, extrinsics, monkeypatch):
+    state, views, _ = with_landmarks(fej=fej, extrinsics=extrinsics)
     heard = {}
     monkeypatch.setattr(FilterState, "update", lambda self, H, columns, r, R: heard.update(H=H, at=columns, r=r, R=R))
     keys = state.landmarks.keys
-    update_landmarks(state, views.rig, seen_now(views, keys), CONFIG)
-    clone = state.clone(K - 1)
-    assert heard["at"].tolist() == [*range(clone.start, clone.stop), *range(state.clone_stop, state.size)]
-    m = views.rig.mounts[0]
+    rig = state.rig or views.rig
+    update_landmarks(state, rig, seen_now(views, keys), CONFIG)
+    clone = range(*state.clone(K - 1).indices(state.size))
+    extra = range(*state.extrinsics.indices(state.size))
+    assert heard["at"].tolist() == [*extra, *clone, *range(state.clone_stop, state.size)]
+    camera = rig.mounts[0].camera
 
     def pixels(x):
-        R, p, features = x
-        return np.concatenate([m.camera.project(m.R_BC.T @ (R.T @ (f - p) - m.p_BC)) for f in features])
+        R, p, features, R_BC, p_BC = x
+        return np.concatenate([camera.project(R_BC.T @ (R.T @ (f - p) - p_BC)) for f in features])
 
     def moved(x, d):
-        R, p, features = x
-        return R @ Rotation.from_rotvec(d[:3]).as_matrix(), p + d[3:6], features + d[6:].reshape(-1, 3)
+        R, p, features, R_BC, p_BC = x
+        if extrinsics:
+            R_BC, p_BC, d = R_BC @ Rotation.from_rotvec(d[:3]).as_matrix(), p_BC + d[3:6], d[6:]
+        turned = R @ Rotation.from_rotvec(d[:3]).as_matrix()
+        return turned, p + d[3:6], features + d[6:].reshape(-1, 3), R_BC, p_BC
 
     R_lin, p_lin = state.linearisation_clones
-    assert_jacobian(pixels, (R_lin[-1], p_lin[-1], state.linearisation_landmarks), heard["H"], moved)
-    now = pixels((state.clones.R_WB[-1], state.clones.p_WB[-1], state.landmarks.p_WF))
+    sits = (rig.R_BC[0], rig.p_BC[0])
+    assert_jacobian(pixels, (R_lin[-1], p_lin[-1], state.linearisation_landmarks, *sits), heard["H"], moved)
+    now = pixels((state.clones.R_WB[-1], state.clones.p_WB[-1], state.landmarks.p_WF, *sits))
     np.testing.assert_allclose(heard["r"], views.uv[keys, -1].ravel() - now, atol=1e-9)
     np.testing.assert_allclose(heard["R"], CONFIG.pixel_noise**2 * np.eye(8))
 

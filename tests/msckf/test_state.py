@@ -11,8 +11,9 @@ from msckf.filter import continued
 from msckf.imu_buffer import Cells
 from msckf.propagation import integrate, noise_in_world, predict, transition
 from msckf.state import ACCEL_BIAS, BIASES, GYRO_BIAS, IMU_SIZE, POSITION, THETA, VELOCITY, FilterState
+from msckf.views import Rig
 from navcore.imu import ImuNoise
-from tests.msckf.scenes import start_state
+from tests.msckf.scenes import mount, start_state
 
 NOISE = ImuNoise(1.7e-4, 1.9e-5, 2.0e-3, 3.0e-3, 200.0)
 
@@ -140,6 +141,25 @@ def test_the_priors_error_joins_by_its_regression_on_the_biases():
     expected[15:21, 15:21] += conditional
     np.testing.assert_allclose(state.covariance, expected, atol=1e-13)
     np.testing.assert_array_equal(state.c, np.arange(6.0))
+
+
+def test_where_the_cameras_sit_is_known_as_well_as_the_calibration():
+    state = FilterState(start_state())
+    P = np.array(state.covariance)
+    rig = Rig((mount(), mount()))
+    state.estimate_extrinsics(rig, 0.01, 0.02)
+    state.add_prior_error(np.zeros(6), np.zeros((6, 6)), np.eye(6))
+    moved(state).add_clone(0)
+    assert (state.extrinsics, state.prior_error, state.clone(0)) == (slice(15, 27), slice(27, 33), slice(33, 39))
+    assert state.seen_columns.tolist() == [*range(15, 27), *range(33, 39)]
+    np.testing.assert_allclose(state.covariance[15:27, 15:27], np.diag(np.tile(np.repeat([1e-4, 4e-4], 3), 2)))
+    assert not state.covariance[15:27, :15].any()
+    np.testing.assert_array_equal(np.diagonal(state.covariance)[9:15] >= np.diagonal(P)[9:15], True)
+    d = 0.01 * np.arange(1.0, 13.0)
+    state.update(np.eye(12), np.r_[state.extrinsics], d, 1e-12 * np.eye(12))
+    for c in range(2):
+        np.testing.assert_allclose(rotvec(rig.R_BC[c].T @ state.rig.R_BC[c]), d[6 * c : 6 * c + 3], atol=1e-6)
+        np.testing.assert_allclose(state.rig.p_BC[c] - rig.p_BC[c], d[6 * c + 3 : 6 * c + 6], atol=1e-6)
 
 
 def test_widening_doubts_the_biases_only():

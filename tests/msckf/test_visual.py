@@ -10,6 +10,7 @@ from scipy.stats import chi2
 from msckf.config import VisionConfig
 from msckf.views import Rig, Views
 from msckf.visual import (
+    by_extrinsics,
     chi_square_quantile,
     compress,
     linearise,
@@ -46,6 +47,30 @@ def test_jacobians_by_pose_and_feature(rig):
 
             J = np.hstack([H_x[f, k], H_f[f, k]])
             assert_jacobian(pixel, (R_WB[k], p_WB[k], p_WF[f]), J, moved)
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_jacobians_by_where_the_cameras_sit(rig):
+    """Rotation local, on the right of R_BC; position in B; of the other cameras nothing."""
+    views, R_WB, p_WB, p_WF = scenes.views(F=4, K=5, mounts=RIGS[rig])
+    *_, H_f, p_linear = linearise(views, R_WB, p_WB, R_WB, p_WB, p_WF)
+    H_e = by_extrinsics(views, H_f, R_WB, p_WB, p_linear)
+    assert H_e.shape == (4, 10, 6 * len(RIGS[rig]))
+
+    def pixels(rig):
+        moved = Views(rig, views.cameras, np.zeros_like(views.uv), views.seen)
+        return -linearise(moved, R_WB, p_WB, R_WB, p_WB, p_WF)[0].ravel()
+
+    def turned(rig, d):
+        d = d.reshape(-1, 6)
+        R_BC = rig.R_BC @ Rotation.from_rotvec(d[:, :3]).as_matrix()
+        return Rig(rig.mounts, (R_BC, rig.p_BC + d[:, 3:]))
+
+    assert_jacobian(pixels, views.rig, H_e.reshape(40, -1), turned)
+    d = 1e-3 * np.arange(6.0 * len(RIGS[rig])).reshape(-1, 6)
+    by_hand = turned(views.rig, d)
+    np.testing.assert_allclose(views.rig.moved(d).R_BC, by_hand.R_BC, atol=1e-6)
+    np.testing.assert_allclose(views.rig.moved(d).p_BC, by_hand.p_BC, atol=1e-12)
 
 
 def test_residuals_are_taken_at_the_estimate_and_jacobians_where_told():
