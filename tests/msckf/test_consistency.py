@@ -4,6 +4,7 @@ Each flight is a quadrotor's with EuRoC-like noise, in points mode. Run with -s 
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from multiprocessing import get_context
 
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 
 from eval.consistency import Consistency, judge, nees
 from eval.metrics import score
+from msckf.config import VisionConfig
+from navcore import so3
 from navcore.odometry import Health
 from navcore.prior import BiasPrior
 from navcore.priors.listed import ListedPrior
@@ -35,9 +38,19 @@ def of_block(verdict: Consistency, *blocks: str):
     return [reason for reason in verdict.reasons if reason.startswith(tuple(f"{block}:" for block in blocks))]
 
 
+def calibrated(sequence: Sequence, seed: int) -> Sequence:
+    """The recording with a calibration that is as wrong about where the camera sits as the filter takes it to be."""
+    config, rng = VisionConfig(), np.random.default_rng([seed, 2])
+    (camera,) = sequence.calibration.cameras
+    T_BC = camera.T_BC.copy()
+    T_BC[:3, :3] = T_BC[:3, :3] @ so3.exp(config.extrinsics_rotation_sigma * rng.standard_normal(3))
+    T_BC[:3, 3] += config.extrinsics_position_sigma * rng.standard_normal(3)
+    return replace(sequence, calibration=replace(sequence.calibration, cameras=(replace(camera, T_BC=T_BC),)))
+
+
 def flight_of(seed):
     """Of one flight: NEES, ATE as a share of the path, and how often it was lost."""
-    sequence = simulate_points(seed=seed, seconds=60.0)
+    sequence = calibrated(simulate_points(seed=seed, seconds=60.0), seed)
     result = fly(sequence)
     scores = score(result.trajectory, sequence.truth)
     lost = sum(e.health is Health.LOST for e in result.estimates)
@@ -54,7 +67,7 @@ def test_fifty_flights_are_consistent_and_none_diverges():
 
 
 def flight_without_first_estimates(seed):
-    sequence = simulate_points(seed=seed, seconds=60.0)
+    sequence = calibrated(simulate_points(seed=seed, seconds=60.0), seed)
     return nees(fly(sequence, vision__fej=False), sequence.truth, skip_s=TAKE_OFF_S)
 
 
@@ -88,7 +101,7 @@ def network_like(sequence: Sequence, rng: np.random.Generator) -> ListedPrior:
 
 def arms_of(seed):
     """NEES of one flight under poor vision by arm."""
-    sequence = simulate_points(seed=seed, seconds=20.0, **POOR_VISION)
+    sequence = calibrated(simulate_points(seed=seed, seconds=20.0, **POOR_VISION), seed)
     arms = {}
     for arm, prior in (("none", False), ("modelled", True), ("plain", True)):
         source = network_like(sequence, np.random.default_rng([seed, 1])) if prior else None

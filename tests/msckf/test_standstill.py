@@ -103,6 +103,18 @@ def test_things_that_move_by_themselves_are_left_out():
     assert image_motion(before, now) < 0.1
 
 
+def test_they_are_left_out_of_a_motion_too():
+    """A roll whose flow at the edges is as large as that of a thing that slides: only the fit tells them apart."""
+    before = pixels(200)
+    roll = 0.01 * (before - [376, 240]) @ np.array([[0.0, -1.0], [1.0, 0.0]])
+    now = before + roll + 0.1 * np.random.default_rng(1).standard_normal(before.shape)
+    middle = np.abs(before - [376, 240]).max(axis=1) < 100.0
+    assert 10 < middle.sum() < 60
+    now[middle] += [3.0, 2.0]
+    expected = np.sqrt(np.mean(np.sum(roll[~middle] ** 2, axis=1)))
+    assert image_motion(before, now) == pytest.approx(expected, rel=0.02)
+
+
 def test_a_few_features_cannot_tell():
     assert image_motion(pixels(11), pixels(11)) is None
     assert image_motion(pixels(12), pixels(12)) == pytest.approx(0.0, abs=1e-9)

@@ -1,0 +1,93 @@
+"""What the filter says of itself: why it is lost, blind, or not as good as it could be."""
+
+import numpy as np
+import pytest
+
+from msckf.config import HealthConfig
+from msckf.frontend import Observations
+from msckf.health import HealthMonitor
+from msckf.state import FilterState
+from msckf.visual import VisualOutcome
+from navcore.odometry import Health
+from tests.msckf.scenes import start_state
+
+CONFIG = HealthConfig()
+S = 1_000_000_000
+
+
+def seen(n, *faults):
+    return Observations(np.arange(n), np.zeros(n, dtype=np.int64), np.zeros((n, 2)), np.zeros((n, 3)), faults)
+
+
+def monitor():
+    started = HealthMonitor(CONFIG)
+    started.started(0)
+    return started
+
+
+def test_vision_that_corrects_is_tracking():
+    verdict = monitor().judge(FilterState(start_state()), S, seen(50), VisualOutcome(used=10), still=False)
+    assert (verdict.health, verdict.reasons) == (Health.TRACKING, ())
+    still = monitor().judge(FilterState(start_state()), S, seen(50), VisualOutcome(), still=True)
+    assert (still.health, still.reasons) == (Health.TRACKING, ("standing still",))
+
+
+def test_without_correction_it_is_inertial_only_after_a_while():
+    judge, state = monitor().judge, FilterState(start_state())
+    soon = judge(state, round(0.5 * S), seen(50), VisualOutcome(), still=False)
+    assert soon.health is Health.TRACKING
+    late = judge(state, round(0.7 * S), seen(50), VisualOutcome(), still=False)
+    assert (late.health, late.reasons) == (Health.INERTIAL_ONLY, ("no visual correction for 0.7 s",))
+    again = judge(state, 3 * S, seen(50), VisualOutcome(used=5), still=False)
+    assert again.health is Health.TRACKING
+
+
+def test_what_is_wrong_with_vision_is_told():
+    judge, state = monitor().judge, FilterState(start_state())
+    few = judge(state, 0, seen(3, "image dark, camera 0"), VisualOutcome(), still=False)
+    assert (few.health, few.reasons) == (Health.INERTIAL_ONLY, ("image dark, camera 0", "3 features followed"))
+    refused = judge(state, 0, seen(50), VisualOutcome(used=5, rejected=11), still=False)
+    assert (refused.health, refused.reasons) == (Health.TRACKING, ("11 features refused",))
+    some = judge(state, 0, seen(50), VisualOutcome(used=5, rejected=9), still=False)
+    assert some.reasons == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda s: setattr(s, "v_WB", np.array([0.0, 31.0, 0.0])), "speed 31.0 m/s is past 30.0"),
+        (lambda s: s.propagated(6, 11.0), "velocity is known to 11.0 m/s only"),
+        (lambda s: s.propagated(3, 51.0), "position was lost by 51.0 m"),
+        (lambda s: setattr(s, "p_WB", np.array([np.nan, 0.0, 0.0])), "state is not finite"),
+    ],
+    ids=["speed", "velocity", "position", "nan"],
+)
+def test_a_state_that_is_not_to_be_trusted_is_lost(change, reason):
+    class Told(FilterState):
+        def propagated(self, k, sigma):
+            """The error state `k` is known to `sigma` only."""
+            self._P[k, k] = sigma**2
+
+    state = Told(start_state())
+    change(state)
+    verdict = monitor().judge(state, S, seen(50, "image dark, camera 0"), VisualOutcome(), still=False)
+    assert (verdict.health, verdict.reasons) == (Health.LOST, (reason, "image dark, camera 0"))
+
+
+def test_a_long_way_makes_no_loss():
+    """Position drifts without bounds; only what was added since vision last corrected counts."""
+    state = FilterState(start_state())
+    state._P[3, 3] = 80.0**2
+    watch = monitor()
+    assert watch.judge(state, S, seen(50), VisualOutcome(used=5), still=False).health is Health.TRACKING
+    state._P[3, 3] = 80.0**2 + 49.0**2
+    assert watch.judge(state, 2 * S, seen(50), VisualOutcome(), still=False).health is Health.INERTIAL_ONLY
+    state._P[3, 3] = 80.0**2 + 51.0**2
+    assert watch.judge(state, 2 * S, seen(50), VisualOutcome(), still=False).health is Health.LOST
+
+
+@pytest.mark.parametrize(("gap", "health"), [(0.9, Health.TRACKING), (1.1, Health.LOST)])
+def test_a_gap_that_is_too_long_is_a_loss(gap, health):
+    watch = monitor()
+    watch.note_gap(gap)
+    assert watch.judge(FilterState(start_state()), 0, seen(50), VisualOutcome(used=5), still=False).health is health
