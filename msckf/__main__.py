@@ -62,6 +62,8 @@ def run(
         sequence = open_sequence(path)
         if start is not None or end is not None:
             sequence = sequence.span(start, end)
+        if not sequence.frames:
+            raise ConfigError(f"{path}: the recording has no frames; expected images or tracks of cam0")
         short = {
             "cameras": cameras,
             "start.mode": init,

@@ -17,6 +17,7 @@ BIASES = slice(9, 15)
 IMU_SIZE = 15
 CLONE_SIZE = 6
 LANDMARK_SIZE = 3
+_FAR_OFF = (0.01, 0.03)  # rad and m/s, a correction after which first estimates are given up
 
 
 @dataclass
@@ -167,7 +168,9 @@ class FilterState:
 
     def propagate(self, increment: Increment) -> None:
         """Move to the end of an increment that was integrated at the current biases."""
-        start = self._first if self._fej else (self.R_WB, self.p_WB, self.v_WB)
+        if not self._fej or self._far_from_first_estimates():
+            self._linearise_anew()
+        start = self._first
         self.R_WB, self.p_WB, self.v_WB = predict(self.R_WB, self.p_WB, self.v_WB, increment)
         Phi = transition(increment, start, (self.R_WB, self.p_WB, self.v_WB))
         Q = noise_in_world(increment, start[0])
@@ -177,6 +180,18 @@ class FilterState:
         self._P[i, IMU_SIZE:] = Phi @ self._P[i, IMU_SIZE:]
         self._P[IMU_SIZE:, i] = self._P[i, IMU_SIZE:].T
         self._keep_first_estimates()
+
+    def _far_from_first_estimates(self) -> bool:
+        """Whether the last frame corrected the state so much that its first estimate is no point to linearise at."""
+        turn, velocity = _FAR_OFF
+        cosine = 0.5 * (np.trace(self._first[0].T @ self.R_WB) - 1.0)
+        return bool(np.linalg.norm(self.v_WB - self._first[2]) > velocity or cosine < np.cos(turn))
+
+    def _linearise_anew(self) -> None:
+        """Make the current estimates first estimates, of the body, clones and landmarks alike."""
+        self._keep_first_estimates()
+        self.clones.R_first, self.clones.p_first = self.clones.R_WB, self.clones.p_WB
+        self.landmarks.p_first = self.landmarks.p_WF
 
     def _keep_first_estimates(self) -> None:
         self._first = (self.R_WB, self.p_WB, self.v_WB)

@@ -231,3 +231,14 @@ def test_a_restart_goes_on_in_heading_and_position():
     ]  # as seen from the body: the same
     np.testing.assert_allclose(*P_body, atol=1e-12)
     np.testing.assert_array_equal(state.covariance[BIASES, BIASES], start.covariance[BIASES, BIASES])
+
+
+def test_a_large_correction_ends_the_first_estimates_and_a_small_one_does_not():
+    for velocity, stays in ((0.001, True), (0.2, False)):
+        state = with_window(prior_error=False)
+        first = state.linearisation_clones[1].copy()
+        state.update(np.eye(3), np.arange(6, 9), np.full(3, velocity), 1e-9 * np.eye(3))
+        moved(state)
+        kept = np.array_equal(state.linearisation_clones[1], first)
+        assert kept == stays
+        assert stays or np.array_equal(state.linearisation_clones[1], state.clones.p_WB)
