@@ -76,6 +76,18 @@ def test_the_starting_bias_is_the_conditioned_gaussian():
     np.testing.assert_allclose(joint(state), P, atol=1e-12)
 
 
+def test_what_came_before_a_start_that_failed_is_not_forgotten():
+    """A start is tried at every frame; the source says each thing once."""
+    known, zs = device(), [measurement(2.5, 1), measurement(7.5, 2), measurement(12.5, 3)]
+    prior = told(zs, known)
+    for t_s in (4.0, 6.0, 11.0, 12.0):
+        prior.starting_bias(StartConfig(), round(t_s * S))
+    state, bias = started(prior, 20.0)
+    mean, P = conditioned(known, C, zs)
+    np.testing.assert_allclose(bias.device.vector, mean[:6], rtol=1e-9)
+    np.testing.assert_allclose(joint(state), P, atol=1e-12)
+
+
 def test_where_the_prior_alone_sets_the_bias_their_errors_are_opposite():
     """Nothing known of the device: b = z - c - e, so cov(b, c) = -cov(c)."""
     wide = BiasPrior(0, np.zeros(3), np.zeros(3), 1e6 * np.eye(6))

@@ -14,11 +14,11 @@ from navcore import so3
 from navcore.odometry import State
 from tests.msckf import scenes
 
-CONFIG = VisionConfig()
+CONFIG = VisionConfig(pixel_noise=1.4)
 K = 8
 
 
-def window(seed=0, noise=1.0, fej=True, sigma=(0.001, 0.005), extrinsics=False, **depths):
+def window(seed=0, noise=CONFIG.pixel_noise, fej=True, sigma=(0.001, 0.005), extrinsics=False, **depths):
     """A state whose clones are a scene's poses, each off by a draw of its covariance, and the scene's views."""
     views, R_WB, p_WB, p_WF = scenes.views(F=10, K=K, seed=seed, noise=noise, **depths)
     rng = np.random.default_rng(seed + 1)
