@@ -41,9 +41,9 @@ class SimPreset:
     """One rendered flight under every kind of degradation, and statistics over seeds in points mode."""
 
     platform: str = "quadrotor"  # which body moves
-    seconds: float = 60.0  # length of the recordings in points mode
+    seconds: float = 50.0  # length of the recordings in points mode
     seeds: int = 6  # flights in points mode, seeds 1 to this; six is the fewest that give an interval
-    rendered_seconds: float = 40.0  # length of the rendered flight
+    rendered_seconds: float = 35.0  # length of the rendered flight
     rendered_seed: int = 1  # the flight that is rendered; 0 renders none
 
     def study(self, workspace: Path) -> Study:
