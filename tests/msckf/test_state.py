@@ -204,6 +204,24 @@ def test_first_estimates_stay_when_updates_move_the_window(fej):
     np.testing.assert_array_equal(p_lin, expected[1])
 
 
+@pytest.mark.parametrize(
+    ("columns", "d", "anew"),
+    [(VELOCITY, 0.02, False), (VELOCITY, 0.04, True), (THETA, 0.008, False), (THETA, 0.012, True)],
+    ids=["slower", "faster", "less", "more"],
+)
+def test_first_estimates_are_given_up_after_a_large_correction_only(columns, d, anew):
+    state = with_window()
+    state.add_landmarks(np.arange(2), np.ones((2, 3)), np.zeros((2, 3)), np.zeros((6, 18)), np.eye(6))
+    state.update(np.eye(3), np.r_[columns], np.array([d, 0.0, 0.0]), 1e-12 * np.eye(3))
+    first = (state.clones.R_first, state.clones.p_first, state.landmarks.p_first)
+    now = (state.clones.R_WB, state.clones.p_WB, state.landmarks.p_WF)
+    assert np.abs(first[1] - now[1]).max() > 1e-4
+    moved(state)
+    linear = (*state.linearisation_clones, state.linearisation_landmarks)
+    for found, expected in zip(linear, now if anew else first, strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
 def test_nobody_else_changes_the_state():
     start = start_state()
     state = FilterState(start)
