@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from msckf.blocks import POSITION, VELOCITY
 from msckf.clock import stage
 from msckf.config import FilterConfig
 from msckf.errors import InputError
@@ -219,7 +220,7 @@ def continued(state: State, R_last: Rotations, p_last: Vectors) -> State:
 
     turn = so3.exp(np.array([0.0, 0.0, heading(R_last) - heading(state.R_WB)]))
     T = np.eye(15)
-    T[3:6, 3:6] = T[6:9, 6:9] = turn
+    T[POSITION, POSITION] = T[VELOCITY, VELOCITY] = turn
     return replace(
         state,
         R_WB=turn @ state.R_WB,

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msckf.blocks import POSITION, VELOCITY
 from msckf.config import HealthConfig
 from msckf.frontend import Observations
-from msckf.state import POSITION, VELOCITY, FilterState
+from msckf.state import FilterState
 from msckf.visual import VisualOutcome
 from navcore.odometry import Health
 

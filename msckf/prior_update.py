@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msckf.blocks import BIASES
 from msckf.config import PriorConfig, StartConfig
-from msckf.state import BIASES, FilterState
+from msckf.state import FilterState
 from msckf.visual import chi_square_quantile
 from navcore.arrays import Floats
 from navcore.imu import ImuNoise

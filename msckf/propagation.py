@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msckf.blocks import ACCEL_BIAS, BIASES, GYRO_BIAS, MOTION, POSITION, THETA, VELOCITY
 from msckf.imu_buffer import Cells
 from navcore import so3
 from navcore.arrays import Floats, Rotations, Vectors
@@ -74,15 +75,15 @@ def _steps(dt: Floats, omega: Vectors, force: Vectors) -> tuple[Rotations, Vecto
     f_hat, phi_hat = so3.hat(force), so3.hat(phi)
     second = so3.hat(so3.cross(phi, force)) + phi_hat @ f_hat
     F = np.broadcast_to(np.eye(15), (n, 15, 15)).copy()
-    F[:, 0:3, 0:3] = np.swapaxes(E, 1, 2)
-    F[:, 0:3, 9:12] = -np.swapaxes(G1, 1, 2) * d1  # right Jacobian = transposed left Jacobian
-    F[:, 3:6, 0:3] = -so3.hat(dp)
-    F[:, 3:6, 6:9] = np.eye(3) * d1
-    F[:, 3:6, 9:12] = (f_hat / 6.0 + second / 24.0) * (d2 * d1)
-    F[:, 3:6, 12:15] = -G2 * d2
-    F[:, 6:9, 0:3] = -so3.hat(dv)
-    F[:, 6:9, 9:12] = (f_hat / 2.0 + second / 6.0) * d2
-    F[:, 6:9, 12:15] = -G1 * d1
+    F[:, THETA, THETA] = np.swapaxes(E, 1, 2)
+    F[:, THETA, GYRO_BIAS] = -np.swapaxes(G1, 1, 2) * d1  # right Jacobian = transposed left Jacobian
+    F[:, POSITION, THETA] = -so3.hat(dp)
+    F[:, POSITION, VELOCITY] = np.eye(3) * d1
+    F[:, POSITION, GYRO_BIAS] = (f_hat / 6.0 + second / 24.0) * (d2 * d1)
+    F[:, POSITION, ACCEL_BIAS] = -G2 * d2
+    F[:, VELOCITY, THETA] = -so3.hat(dv)
+    F[:, VELOCITY, GYRO_BIAS] = (f_hat / 2.0 + second / 6.0) * d2
+    F[:, VELOCITY, ACCEL_BIAS] = -G1 * d1
     return E, dv, dp, F
 
 
@@ -110,9 +111,10 @@ def integrate(cells: Cells, b_g: Vectors, b_a: Vectors, noise: ImuNoise) -> Incr
     delta_p = np.sum(v_before * dt[:, None] + (R[:n] @ dp[:n, :, None])[:, :, 0], axis=0)
 
     # Rotate position and velocity rows of every cell into B at the start of all.
-    F[:, 3:6, 0:3] = np.tile(R[:n], (2, 1, 1)) @ F[:, 3:6, 0:3]
-    F[:, 6:9, 0:3] = np.tile(R[:n], (2, 1, 1)) @ F[:, 6:9, 0:3]
-    F[:, 3:9, 9:15] = _rotate_rows(np.tile(R[:n], (2, 1, 1)), F[:, 3:9, 9:15])
+    F[:, POSITION, THETA] = np.tile(R[:n], (2, 1, 1)) @ F[:, POSITION, THETA]
+    F[:, VELOCITY, THETA] = np.tile(R[:n], (2, 1, 1)) @ F[:, VELOCITY, THETA]
+    moved = slice(POSITION.start, VELOCITY.stop)
+    F[:, moved, BIASES] = _rotate_rows(np.tile(R[:n], (2, 1, 1)), F[:, moved, BIASES])
     to_end = np.empty((n + 1, 15, 15))  # transition from the start of cell k to the end of all
     to_end[n] = np.eye(15)
     for k in range(n - 1, -1, -1):
@@ -122,13 +124,13 @@ def integrate(cells: Cells, b_g: Vectors, b_a: Vectors, noise: ImuNoise) -> Incr
     gyro_density = noise.gyroscope_noise_density**2 * dt + _GAP_GYRO_DENSITY**2 * cells.bridged
     accel_density = noise.accelerometer_noise_density**2 * dt + _GAP_ACCEL_DENSITY**2 * cells.bridged
     root = np.empty((n, 15))
-    root[:, 0:3] = np.sqrt(gyro_density)[:, None]
-    root[:, 3:6] = 0.0
-    root[:, 6:9] = np.sqrt(accel_density)[:, None]
-    root[:, 9:12] = noise.gyroscope_random_walk * np.sqrt(dt)[:, None]
-    root[:, 12:15] = noise.accelerometer_random_walk * np.sqrt(dt)[:, None]
+    root[:, THETA] = np.sqrt(gyro_density)[:, None]
+    root[:, POSITION] = 0.0
+    root[:, VELOCITY] = np.sqrt(accel_density)[:, None]
+    root[:, GYRO_BIAS] = noise.gyroscope_random_walk * np.sqrt(dt)[:, None]
+    root[:, ACCEL_BIAS] = noise.accelerometer_random_walk * np.sqrt(dt)[:, None]
     W = np.swapaxes(from_middle * root[:, None, :], 0, 1).reshape(15, -1)  # (15, n * 15)
-    return Increment(float(dt.sum()), R[n], v[-1], delta_p, to_end[0][:9, 9:15], W @ W.T)
+    return Increment(float(dt.sum()), R[n], v[-1], delta_p, to_end[0][MOTION, BIASES], W @ W.T)
 
 
 def _rotate_rows(R: Rotations, rows: Floats) -> Floats:
@@ -151,13 +153,13 @@ def transition(
     (R_0, p_0, v_0), (R_1, p_1, v_1) = start, end
     dt = increment.dt
     Phi = np.eye(15)
-    Phi[0:3, 0:3] = R_1.T @ R_0
-    Phi[0:3, 9:15] = increment.J[0:3]
-    Phi[3:6, 0:3] = -so3.hat(p_1 - p_0 - v_0 * dt - 0.5 * G_W * dt * dt) @ R_0
-    Phi[3:6, 6:9] = np.eye(3) * dt
-    Phi[3:6, 9:15] = R_0 @ increment.J[3:6]
-    Phi[6:9, 0:3] = -so3.hat(v_1 - v_0 - G_W * dt) @ R_0
-    Phi[6:9, 9:15] = R_0 @ increment.J[6:9]
+    Phi[THETA, THETA] = R_1.T @ R_0
+    Phi[THETA, BIASES] = increment.J[THETA]
+    Phi[POSITION, THETA] = -so3.hat(p_1 - p_0 - v_0 * dt - 0.5 * G_W * dt * dt) @ R_0
+    Phi[POSITION, VELOCITY] = np.eye(3) * dt
+    Phi[POSITION, BIASES] = R_0 @ increment.J[POSITION]
+    Phi[VELOCITY, THETA] = -so3.hat(v_1 - v_0 - G_W * dt) @ R_0
+    Phi[VELOCITY, BIASES] = R_0 @ increment.J[VELOCITY]
     return Phi
 
 
@@ -174,5 +176,5 @@ def predict(R_WB: Rotations, p_WB: Vectors, v_WB: Vectors, increment: Increment)
 def noise_in_world(increment: Increment, R_WB: Rotations) -> Floats:
     """Q (15, 15) with position and velocity in W; `R_WB` is the linearisation point at the start."""
     T = np.eye(15)
-    T[3:6, 3:6] = T[6:9, 6:9] = R_WB
+    T[POSITION, POSITION] = T[VELOCITY, VELOCITY] = R_WB
     return T @ increment.Q @ T.T

@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from msckf.blocks import MOTION, POSITION, THETA, VELOCITY
 from msckf.config import StandstillConfig
 from msckf.imu_buffer import ImuBuffer
-from msckf.state import POSITION, THETA, VELOCITY, FilterState
+from msckf.state import FilterState
 from navcore import so3
 from navcore.arrays import Pixels
 
@@ -45,12 +46,13 @@ def standstill_update(state: FilterState, config: StandstillConfig) -> None:
     R_0, p_0 = clones.R_WB[k], clones.p_WB[k]
     turn = so3.log(R_0.T @ state.R_WB)  # z_hat = log(R_0^T R), z = 0
     H = np.zeros((9, len(columns)))
+    H_clone = H[:, MOTION.stop :]  # by the clone's dtheta, dp
     J = so3.right_jacobian_inverse(turn)
-    H[0:3, 0:3] = J
-    H[0:3, 9:12] = -J @ (state.R_WB.T @ R_0)
-    H[3:6, 3:6] = np.eye(3)
-    H[3:6, 12:15] = -np.eye(3)
-    H[6:9, 6:9] = np.eye(3)
+    H[THETA, THETA] = J
+    H_clone[THETA, THETA] = -J @ (state.R_WB.T @ R_0)
+    H[POSITION, POSITION] = np.eye(3)
+    H_clone[POSITION, POSITION] = -np.eye(3)
+    H[VELOCITY, VELOCITY] = np.eye(3)
     r = np.concatenate([-turn, p_0 - state.p_WB, -state.v_WB])
     sigma = np.repeat([config.rotation_sigma, config.position_sigma, config.velocity_sigma], 3)
     state.update(H, columns, r, np.diag(sigma**2))

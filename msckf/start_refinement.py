@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from msckf.blocks import ACCEL_BIAS, BIASES, GYRO_BIAS, POSITION, THETA, VELOCITY
 from msckf.config import StartConfig, VisionConfig
 from msckf.imu_buffer import Cells
 from msckf.propagation import Increment, integrate, noise_in_world, predict, transition
@@ -156,12 +157,12 @@ def _prior_rows(path: Path, device: BiasPrior) -> tuple[Floats, Floats]:
     """The gauge (position and yaw of the first pose), a hardly known velocity, what is known of the biases."""
     n = 15 * len(path.R)
     gauge = np.zeros((4, n))
-    gauge[0:3, 3:6] = np.eye(3)
-    gauge[3, 0:3] = path.R[0][2]  # yaw: rotation about W's z
+    gauge[0:3, POSITION] = np.eye(3)
+    gauge[3, THETA] = path.R[0][2]  # yaw: rotation about W's z
     speed = np.zeros((3, n))
-    speed[:, 6:9] = np.eye(3)
+    speed[:, VELOCITY] = np.eye(3)
     bias = np.zeros((6, n))
-    bias[:, 9:15] = np.eye(6)
+    bias[:, BIASES] = np.eye(6)
     W = np.linalg.inv(np.linalg.cholesky(device.covariance))
     unexplained = device.vector - np.concatenate([path.b_g[0], path.b_a[0]])
     A = np.vstack([gauge / _GAUGE_SIGMA, speed / _FREE_VELOCITY_SIGMA, W @ bias])
@@ -207,11 +208,11 @@ def _visual_rows(
 
 def _move(path: Path, dx: Floats) -> None:
     d = dx.reshape(-1, 15)
-    path.R = so3.normalise(path.R @ so3.exp(d[:, 0:3]))
-    path.p = path.p + d[:, 3:6]
-    path.v = path.v + d[:, 6:9]
-    path.b_g = path.b_g + d[:, 9:12]
-    path.b_a = path.b_a + d[:, 12:15]
+    path.R = so3.normalise(path.R @ so3.exp(d[:, THETA]))
+    path.p = path.p + d[:, POSITION]
+    path.v = path.v + d[:, VELOCITY]
+    path.b_g = path.b_g + d[:, GYRO_BIAS]
+    path.b_a = path.b_a + d[:, ACCEL_BIAS]
 
 
 def _accept(path: Path, system: _System, views: Views, config: StartConfig) -> StartResult:
@@ -222,8 +223,8 @@ def _accept(path: Path, system: _System, views: Views, config: StartConfig) -> S
     last = solve_triangular(R_factor, np.eye(n)[:, -15:], trans="T")  # columns of R^-T
     P = (last.T @ last) / np.outer(scale[-15:], scale[-15:])
     R_WB = path.R[-1]
-    velocity_sigma = float(np.sqrt(np.diagonal(P)[6:9].max()))
-    tilt_sigma = float(np.sqrt(np.diagonal(R_WB @ P[:3, :3] @ R_WB.T)[:2].max()))
+    velocity_sigma = float(np.sqrt(np.diagonal(P)[VELOCITY].max()))
+    tilt_sigma = float(np.sqrt(np.diagonal(R_WB @ P[THETA, THETA] @ R_WB.T)[:2].max()))
     if not np.isfinite(P).all() or velocity_sigma > config.max_velocity_sigma or tilt_sigma > config.max_tilt_sigma:
         return StartResult(None, f"velocity known to {velocity_sigma:.2f} m/s, tilt to {tilt_sigma:.3f} rad only")
     seen = views.seen[system.triangulated]

@@ -5,16 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from msckf.blocks import ACCEL_BIAS, BIASES, GYRO_BIAS, IMU_SIZE, POSITION, THETA, VELOCITY
 from msckf.propagation import Increment, noise_in_world, predict, transition
 from msckf.views import Rig
 from navcore import so3
 from navcore.arrays import Floats, Mask, Rotations, Stamps, Vectors
 from navcore.odometry import State
 
-THETA, POSITION, VELOCITY = slice(0, 3), slice(3, 6), slice(6, 9)
-GYRO_BIAS, ACCEL_BIAS = slice(9, 12), slice(12, 15)
-BIASES = slice(9, 15)
-IMU_SIZE = 15
 CLONE_SIZE = 6
 LANDMARK_SIZE = 3
 _FAR_OFF = (0.01, 0.03)  # rad and m/s, a correction after which first estimates are given up

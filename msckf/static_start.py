@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from msckf.blocks import ACCEL_BIAS, GYRO_BIAS, POSITION, THETA, VELOCITY
 from msckf.propagation import G_W
-from msckf.state import ACCEL_BIAS, GYRO_BIAS, POSITION, THETA, VELOCITY
 from navcore import so3
 from navcore.arrays import Rotations, Vectors
 from navcore.imu import ImuNoise

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from msckf.blocks import POSITION
 from msckf.config import FilterConfig
 from msckf.errors import InputError
 from msckf.filter import Filter, TimedState, make
-from msckf.state import POSITION, FilterState
+from msckf.state import FilterState
 from navcore.calibration import Calibration
 from navcore.errors import ConfigError
 from navcore.imu import GRAVITY, ImuNoise, ImuSamples

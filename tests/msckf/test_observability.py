@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import msckf.state
+from msckf.blocks import IMU_SIZE, POSITION, THETA, VELOCITY
 from msckf.config import FilterConfig
 from msckf.filter import Filter
-from msckf.state import IMU_SIZE, POSITION, THETA, VELOCITY, FilterState
+from msckf.state import FilterState
 from navcore import so3
 from navcore.odometry import run
 from sim.points import simulate_points

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from msckf.blocks import BIASES
 from msckf.config import PriorConfig, StartConfig
 from msckf.prior_update import PriorUpdate
-from msckf.state import BIASES, FilterState
+from msckf.state import FilterState
 from navcore.imu import ImuNoise
 from navcore.prior import BiasPrior
 from navcore.priors.listed import ListedPrior

@@ -7,10 +7,11 @@ import pytest
 from filterpy.kalman import KalmanFilter
 from scipy.spatial.transform import Rotation
 
+from msckf.blocks import ACCEL_BIAS, BIASES, GYRO_BIAS, IMU_SIZE, POSITION, THETA, VELOCITY
 from msckf.filter import continued
 from msckf.imu_buffer import Cells
 from msckf.propagation import integrate, noise_in_world, predict, transition
-from msckf.state import ACCEL_BIAS, BIASES, GYRO_BIAS, IMU_SIZE, POSITION, THETA, VELOCITY, FilterState
+from msckf.state import FilterState
 from msckf.views import Rig
 from navcore.imu import ImuNoise
 from tests.msckf.scenes import mount, start_state
