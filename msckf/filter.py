@@ -131,8 +131,16 @@ class Filter:
 
     def _process(self, frame: Frame, t_ns: int) -> Estimate:
         stages: dict[str, float] = {}
-        if self.state is None:
-            return self._try_to_start(frame, t_ns, stages)
+        try:
+            if self.state is None:
+                return self._try_to_start(frame, t_ns, stages)
+            return self._follow(frame, t_ns, stages)
+        except np.linalg.LinAlgError as error:  # a covariance that rounding has spoiled must not end the run
+            self._begin_anew()
+            return Estimate(t_ns, Health.LOST, (f"numerical failure ({error})",), None, 0, 0, stages)
+
+    def _follow(self, frame: Frame, t_ns: int, stages: dict[str, float]) -> Estimate:
+        assert self.state is not None
         with stage(stages, "propagate"):
             R_before = self.state.R_WB
             notes = self._propagate(self.state, t_ns)

@@ -130,7 +130,8 @@ def _refine(views: Views, weight: Floats, R_CA: Rotations, p_CA: Vectors, x: Flo
         damping = np.where(better, damping * 0.1, damping * 10.0)
         if gain < 1e-3 and better.all():
             break
-    A = np.einsum("fkia,fkib->fab", J, J) + 1e-9 * np.eye(3)
+    A = np.einsum("fkia,fkib->fab", J, J)
+    A = A + np.eye(3) * (1e-9 * np.einsum("faa->fa", A) + 1e-9)[:, None, :]  # columns may be parallel: no baseline
     return x, cost, np.maximum(np.linalg.inv(A)[:, 2, 2], 1e-12)
 
 

@@ -81,8 +81,8 @@ def test_without_first_estimates_yaw_is_overconfident():
 # -- a prior that is wrong by a constant, and repeats its noise -------------------------------------------------
 
 WINDOW_S, EVERY_S = 5.0, 0.5
-SIGMA_C = np.repeat([0.004, 0.04], 3)
-SIGMA_E = np.repeat([0.003, 0.03], 3)
+SIGMA_C = np.repeat([0.003, 0.008], 3)
+SIGMA_E = np.repeat([0.003, 0.01], 3)
 POOR_VISION = {"pixel_noise": 2.0, "max_features": 25, "track_life_s": 0.7}
 
 

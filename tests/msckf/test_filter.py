@@ -12,6 +12,7 @@ from msckf.config import FilterConfig
 from msckf.errors import InputError
 from msckf.filter import Filter, TimedState, make
 from msckf.state import FilterState
+from msckf.window import VisualWindow
 from navcore.calibration import Calibration
 from navcore.errors import ConfigError
 from navcore.imu import GRAVITY, ImuNoise, ImuSamples
@@ -377,3 +378,19 @@ def test_the_camera_clock_is_moved_onto_the_imus(flight, clean):
     result = fly(early)
     assert [e.t_ns for e in result.estimates] == [f.t_ns for f in flight.frames]
     np.testing.assert_array_equal(states(result), states(clean))
+
+
+def test_a_numerical_failure_is_a_loss_not_an_end(flight, monkeypatch):
+    real, calls = VisualWindow.advance, []
+
+    def fails_once(self, *arguments):
+        calls.append(1)
+        if len(calls) == 60:
+            raise np.linalg.LinAlgError("Singular matrix")
+        return real(self, *arguments)
+
+    monkeypatch.setattr(VisualWindow, "advance", fails_once)
+    result = fly(flight)
+    lost = [e for e in result.estimates if e.health is Health.LOST]
+    assert any("numerical failure" in reason for reason in lost[0].reasons)
+    assert result.estimates[-1].health is Health.TRACKING
