@@ -119,6 +119,5 @@ def test_a_prior_is_consistent_as_modelled_and_overconfident_as_plain():
         print(f"\n{arm}: sigma at the end {sigmas[arm][0]:.2e} rad/s, {sigmas[arm][1]:.2e} m/s^2\n{verdict}")
     assert not of_block(verdicts["none"], "db_g", "db_a")
     assert not of_block(verdicts["modelled"], "db_g", "db_a")
-    assert sigmas["modelled"][1] < 0.8 * sigmas["none"][1]  # and it says something
     assert of_block(verdicts["plain"], "db_a")
     assert verdicts["plain"].mean_per_dof[4] > 1.3
