@@ -164,7 +164,8 @@ def imu_from_yaml(path: Path) -> ImuNoise:
 def cameras_from_kalibr(path: Path) -> tuple[CameraMount, ...]:
     """Cameras from Kalibr's `camchain-imucam.yaml`.
 
-    Its `T_cam_imu` is B to C, its time shift is ours: t_imu = t_cam + shift.
+    Its `T_cam_imu` is B to C, its time shift is ours: t_imu = t_cam + shift. A camera may have a `rate_hz`
+    beside Kalibr's own keys.
 
     Raises:
         DataError: a key is missing or does not hold what it should; the message names the file.
@@ -179,7 +180,7 @@ def cameras_from_kalibr(path: Path) -> tuple[CameraMount, ...]:
         offset = _number(entry, "timeshift_cam_imu", path, 0.0)
         camera = _camera(entry, "distortion_coeffs", path)
         with _named(path):
-            mounts.append(CameraMount(camera, _inverse(T_CB), offset, _FRAME_RATE))
+            mounts.append(CameraMount(camera, _inverse(T_CB), offset, _number(entry, "rate_hz", path, _FRAME_RATE)))
     if not mounts:
         raise DataError(f"{path}: no camera (cam0, cam1, ...) in it")
     return tuple(mounts)

@@ -58,7 +58,7 @@ class Camera(ABC):
         """Unit bearings (..., 3) of distorted normalised coordinates (..., 2)."""
 
     @abstractmethod
-    def _unfolded(self, p_CF: Vectors) -> Mask:
+    def unfolded(self, p_CF: Vectors) -> Mask:
         """Whether the model is one-to-one at these points (..., 3)."""
 
     def project(self, p_CF: Vectors) -> Pixels:
@@ -79,7 +79,7 @@ class Camera(ABC):
         """Whether points (..., 3) in C are imaged: in front, inside the picture, where the model holds."""
         p_CF = np.asarray(p_CF, dtype=np.float64)
         uv = self.project(p_CF)
-        return self._unfolded(p_CF) & self.inside(uv)
+        return self.unfolded(p_CF) & self.inside(uv)
 
     def inside(self, uv: Pixels, border: float = 0.0) -> Mask:
         """Whether pixels (..., 2) lie within the picture, at least `border` px from its edge."""
@@ -146,7 +146,7 @@ class PinholeRadtan(Camera):
         unit: Vectors = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
         return unit
 
-    def _unfolded(self, p_CF: Vectors) -> Mask:
+    def unfolded(self, p_CF: Vectors) -> Mask:
         in_front = p_CF[..., 2] > _MIN_DEPTH
         z = np.where(in_front, p_CF[..., 2], 1.0)
         r2 = np.sum((p_CF[..., :2] / z[..., None]) ** 2, axis=-1)
@@ -207,7 +207,7 @@ class PinholeEquidistant(Camera):
         gain = np.where(theta_d < 1e-12, 1.0, np.sin(theta) / np.where(theta_d < 1e-12, 1.0, theta_d))
         return np.concatenate([xy * gain[..., None], np.cos(theta)[..., None]], axis=-1)
 
-    def _unfolded(self, p_CF: Vectors) -> Mask:
+    def unfolded(self, p_CF: Vectors) -> Mask:
         theta = np.arctan2(np.linalg.norm(p_CF[..., :2], axis=-1), p_CF[..., 2])
         return np.asarray(theta < self._max_theta)
 

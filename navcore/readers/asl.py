@@ -1,5 +1,6 @@
 """What recordings in the ASL folder layout have in common: IMU, frames and truth below `mav0`."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from navcore.calibration import Calibration
 from navcore.errors import DataError
 from navcore.imu import ImuSamples
 from navcore.readers.table import count_columns, read_names, read_table
-from navcore.sequence import Frame, ImageFile, Tracks
+from navcore.sequence import Frame, ImageFile, ImageSource, Tracks
 from navcore.trajectory import Trajectory
 
 _IMU_ROW = "t_ns, gyro x y z [rad/s], accelerometer x y z [m/s^2]"
@@ -19,6 +20,7 @@ _TRACK_ROW = "t_ns, id, u, v"
 _STAMP_ROW = "t_ns"
 _POSE_COLUMNS = 7
 _TRUTH_COLUMNS = (7, 10, 16)
+_UNIT = 1e-12  # how far the norm of a unit quaternion may be off for rounding
 _GAP_STEPS = 2.5  # IMU intervals that are no longer a late sample
 
 
@@ -42,16 +44,18 @@ def read_imu(folder: Path) -> tuple[ImuSamples, list[str]]:
     """All samples of `imu0/data.csv`, and a note if the stamps have gaps."""
     path = folder / "imu0" / "data.csv"
     t_ns, values = read_table(path, 6, _IMU_ROW)
-    samples = ImuSamples(t_ns, values[:, :3], values[:, 3:])
+    return ImuSamples(t_ns, values[:, :3], values[:, 3:]), gaps(t_ns, path)
+
+
+def gaps(t_ns: Stamps, path: Path) -> list[str]:
+    """A note if the IMU's stamps (N,) have gaps."""
     steps = np.diff(t_ns)
-    if steps.size == 0:
-        return samples, []
-    gaps = np.flatnonzero(steps > _GAP_STEPS * np.median(steps))
-    if gaps.size == 0:
-        return samples, []
-    worst = gaps[np.argmax(steps[gaps])]
+    found = np.flatnonzero(steps > _GAP_STEPS * np.median(steps)) if steps.size else steps
+    if found.size == 0:
+        return []
+    worst = found[np.argmax(steps[found])]
     where = f"the longest {steps[worst] * 1e-9:.3f} s after {t_ns[worst]} ns"
-    return samples, [f"{path}: {gaps.size} gap(s) between samples, {where}"]
+    return [f"{path}: {found.size} gap(s) between samples, {where}"]
 
 
 def read_truth(path: Path) -> Trajectory:
@@ -65,7 +69,9 @@ def read_truth(path: Path) -> Trajectory:
     t_ns, values = read_table(path, columns, _TRUTH_ROW, nan_columns=range(_POSE_COLUMNS, columns))
     q_WB_wxyz = values[:, 3:7]
     norms = np.linalg.norm(q_WB_wxyz, axis=1, keepdims=True)
-    q_WB = np.roll(q_WB_wxyz, -1, axis=1) / np.where(np.abs(norms - 1.0) < 1e-2, norms, 1.0)
+    error = np.abs(norms - 1.0)
+    rounded = (error > _UNIT) & (error < 1e-2)  # a quaternion that is unit already keeps every digit
+    q_WB = np.roll(q_WB_wxyz, -1, axis=1) / np.where(rounded, norms, 1.0)
     optional = [values[:, k : k + 3] for k in range(_POSE_COLUMNS, columns, 3)]
     known = [None if np.isnan(x).all() else x for x in optional] + [None] * (3 - len(optional))
     try:
@@ -88,7 +94,7 @@ def read_frames(cameras: list[Path], calibration: Calibration, imu: ImuSamples) 
 
     A camera folder with `data.csv` has images, one with `tracks.csv` has tracks, any other has no frames.
     """
-    images: dict[int, dict[int, ImageFile]] = {}
+    images: dict[int, dict[int, ImageSource]] = {}
     tracks: dict[int, dict[int, Tracks]] = {}
     for index, folder in enumerate(cameras):
         if (folder / "data.csv").is_file():
@@ -98,6 +104,16 @@ def read_frames(cameras: list[Path], calibration: Calibration, imu: ImuSamples) 
         elif (folder / "tracks.csv").is_file():
             for t_ns, seen in _tracks(folder):
                 tracks.setdefault(t_ns, {})[index] = seen
+    return pair(images, tracks, calibration, imu)
+
+
+def pair(
+    images: Mapping[int, Mapping[int, ImageSource]],
+    tracks: Mapping[int, Mapping[int, Tracks]],
+    calibration: Calibration,
+    imu: ImuSamples,
+) -> tuple[tuple[Frame, ...], list[str]]:
+    """Frames of what cameras saw, by stamp and camera; those outside the IMU's span are left out and noted."""
     stamps = np.array(sorted(images.keys() | tracks.keys()), dtype=np.int64)
     offsets = [round(c.dt_cam_imu * 1e9) for c in calibration.cameras] or [0]
     early = stamps[stamps + min(offsets) < imu.t_ns[0]]

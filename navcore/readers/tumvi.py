@@ -7,18 +7,16 @@ from pathlib import Path
 
 from navcore.calibration import Calibration, cameras_from_kalibr, imu_from_yaml
 from navcore.errors import DataError
-from navcore.readers import asl
+from navcore.readers import asl, kalibr
 from navcore.sequence import Sequence
 
-_CAMERAS = ("camchain-imucam.yaml", "camchain.yaml")
-_IMU = ("imu.yaml", "imu_config.yaml")
 _PARENTS = 2  # folders above the recording in which its calibration may lie
 _TRUTH = "mocap0"
 
 
 def recognises(folder: Path) -> bool:
     """Whether the folder that holds `imu0` is TUM-VI's: it has motion capture, or Kalibr's calibration."""
-    return (folder / _TRUTH).is_dir() or any((x / n).is_file() for x in _places(folder) for n in _CAMERAS)
+    return (folder / _TRUTH).is_dir() or kalibr.find(_places(folder), kalibr.CAMERAS) is not None
 
 
 def read(path: Path) -> Sequence:
@@ -30,8 +28,8 @@ def read(path: Path) -> Sequence:
         DataError: a file or folder is missing, or a row is wrong; the message names file and line.
     """
     folder, name = asl.recording_folder(path)
-    mounts = cameras_from_kalibr(_find(folder, _CAMERAS))
-    calibration = Calibration(imu_from_yaml(_find(folder, _IMU)), mounts)
+    mounts = cameras_from_kalibr(kalibr.need(_places(folder), kalibr.CAMERAS, folder))
+    calibration = Calibration(imu_from_yaml(kalibr.need(_places(folder), kalibr.IMU, folder)), mounts)
     cameras = asl.camera_folders(folder)
     if len(cameras) > len(mounts):
         raise DataError(f"{folder}: {len(cameras)} camera folders, but {len(mounts)} calibrated cameras")
@@ -46,12 +44,3 @@ def _places(folder: Path) -> list[Path]:
     """Where a calibration may lie, nearest first."""
     root = folder.parent if folder.name == "mav0" else folder
     return [folder, root, root / "dso", *root.parents[:_PARENTS]]
-
-
-def _find(folder: Path, names: tuple[str, ...]) -> Path:
-    for place in _places(folder):
-        for name in names:
-            if (place / name).is_file():
-                return place / name
-    looked = ", ".join(str(x) for x in _places(folder))
-    raise DataError(f"{folder}: no calibration {' or '.join(names)} in {looked}")
