@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msckf.errors import InputError
+from navcore import so3
 from navcore.arrays import Floats, Vectors
 from navcore.imu import ImuSamples
 
@@ -33,7 +34,7 @@ class ImuBuffer:
 
     A sample is the mean over the interval around its stamp, so the cells meet half-way between stamps. Where a cell
     is cut by a frame, its two parts get the means of a line through it whose slope is that from the sample
-    before: both parts together keep the cell's mean.
+    before: both parts together keep the cell's mean, and turn as the whole cell does.
     """
 
     def __init__(self, rate_hz: float) -> None:
@@ -99,6 +100,11 @@ class ImuBuffer:
         values = self._values[index] + slope * off_centre[:, None]
 
         dt = (cut_high - cut_low) * 1e-9
+        # Turns about different axes do not add up: without this, vibration and 1200 cuts make 4e-6 rad a minute.
+        turn = self._values[index, :3] * (high - low)[:, None] * 1e-9
+        coning = 0.5 * so3.cross(turn - values[:, :3] * dt[:, None], turn) / dt[:, None]
+        values[:, :3] -= np.where((cut_low > low)[:, None], coning, 0.0)
+
         covered_low = np.maximum(cut_low, t[index] - start_ns - 0.5 * _GAP * self.nominal_ns)
         covered_high = np.minimum(cut_high, t[index] - start_ns + 0.5 * _GAP * self.nominal_ns)
         bridged = dt - np.clip(covered_high - covered_low, 0.0, None) * 1e-9
