@@ -31,6 +31,7 @@ class Motion:
         v_WB: (M, 3) m/s, at the knots.
         omega_B: (M-1, 3) rad/s in B, between the knots.
         specific_force_B: (M-1, 3) m/s^2 in B, between the knots.
+        start_ns: stamp of the first knot.
     """
 
     step_s: float
@@ -39,6 +40,7 @@ class Motion:
     v_WB: Vectors
     omega_B: Vectors
     specific_force_B: Vectors
+    start_ns: int = EPOCH_NS
 
     def __post_init__(self) -> None:
         M = len(self.R_WB)
@@ -49,7 +51,7 @@ class Motion:
             object.__setattr__(self, name, frozen(name, getattr(self, name), np.float64, (n, 3)))
 
     @staticmethod
-    def from_states(step_s: float, R_WB: Rotations, p_WB: Vectors, v_WB: Vectors) -> "Motion":
+    def from_states(step_s: float, R_WB: Rotations, p_WB: Vectors, v_WB: Vectors, start_ns: int = EPOCH_NS) -> "Motion":
         """The motion through states (M, 3, 3), (M, 3) m, (M, 3) m/s.
 
         The rate is `Log(R_k^T R_{k+1}) / h`. The force solves `v_{k+1} - v_k - g h = R_k J_l(omega h) f h`:
@@ -59,7 +61,7 @@ class Motion:
         dv_W = np.diff(v_WB, axis=0) / step_s - _g_W
         dv_B = (np.swapaxes(R_WB[:-1], 1, 2) @ dv_W[..., None])[..., 0]
         force = (so3.left_jacobian_inverse(phi) @ dv_B[..., None])[..., 0]
-        return Motion(step_s, R_WB, p_WB, v_WB, phi / step_s, force)
+        return Motion(step_s, R_WB, p_WB, v_WB, phi / step_s, force, start_ns)
 
     @property
     def duration_s(self) -> float:
@@ -67,21 +69,26 @@ class Motion:
         return (len(self.R_WB) - 1) * self.step_s
 
     @property
+    def end_ns(self) -> int:
+        """Stamp of the last knot."""
+        return self.start_ns + round(self.duration_s * 1e9)
+
+    @property
     def length(self) -> float:
         """Length of the path [m]."""
         return float(np.linalg.norm(np.diff(self.p_WB, axis=0), axis=1).sum())
 
     def after(self, seconds: float) -> "Motion":
-        """The motion without its first `seconds`."""
+        """The motion without its first `seconds`, beginning at the same stamp."""
         k = round(seconds / self.step_s)
         states = (self.R_WB[k:], self.p_WB[k:], self.v_WB[k:])
-        return Motion(self.step_s, *states, self.omega_B[k:], self.specific_force_B[k:])
+        return Motion(self.step_s, *states, self.omega_B[k:], self.specific_force_B[k:], self.start_ns)
 
     def resampled(self, t_ns: Stamps, step_s: float) -> "Motion":
-        """The motion on coarser knots (N,), `step_s` apart."""
+        """The motion on coarser knots at stamps (N,), `step_s` apart."""
         states = self.at(t_ns)
         assert states.v_WB is not None
-        return Motion.from_states(step_s, states.R_WB, states.p_WB, states.v_WB)
+        return Motion.from_states(step_s, states.R_WB, states.p_WB, states.v_WB, int(t_ns[0]))
 
     def at(self, t_ns: Stamps) -> Trajectory:
         """The true states at stamps (N,), exact between knots too.
@@ -90,7 +97,7 @@ class Motion:
             ConfigError: a stamp lies outside the motion.
         """
         t_ns = np.asarray(t_ns, dtype=np.int64)
-        s = (t_ns - EPOCH_NS) * 1e-9
+        s = (t_ns - self.start_ns) * 1e-9
         if np.any((s < -1e-9) | (s > self.duration_s + 1e-9)):
             raise ConfigError(f"the motion lasts {self.duration_s:.3f} s; asked for {s.min():.4f} to {s.max():.4f} s")
         k = np.clip((s / self.step_s).astype(np.int64), 0, len(self.omega_B) - 1)

@@ -1,18 +1,100 @@
-"""Recordings: a platform moves, and what its sensors say is written to a folder."""
+"""Recordings of simulated platforms: a platform moves, and its sensors say what they see."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypedDict, get_args
 
-from sim import asl
-from sim.film import Film, Progress
+from navcore.calibration import Calibration
+from navcore.sequence import Sequence
+from sim.camera import gl
+from sim.camera.film import Film
+from sim.degrade import Schedule, degrade_sequence
+from sim.errors import ConfigError
 from sim.imu import grade, simulate_imu
-from sim.motion import Motion
+from sim.output import Format, Progress, write_recording
+from sim.output.recording import check_request
 from sim.platforms import simulate_motion
 from sim.points import IMU_GRADE, frame_stamps, simulate_points
 from sim.rig import euroc_like
-from sim.scene import room
-from sim.schedule import Schedule
 from sim.streams import Streams
+from sim.world import build, make_layout
+
+Mode = Literal["images", "points", "imu"]
+"""Rendered images, tracks of landmarks, or no vision at all."""
+
+
+class _Body(TypedDict):
+    moving_start: bool
+    difficulty: str
+    imu: str
+
+
+class _Vision(TypedDict):
+    degrade: str
+    cameras: int
+    scene: str
+
+
+@contextmanager
+def filmed(
+    platform: str = "quadrotor",
+    seconds: float = 60.0,
+    seed: int = 1,
+    *,
+    degrade: str = "",
+    moving_start: bool = False,
+    cameras: int = 1,
+    difficulty: str = "medium",
+    imu: str = IMU_GRADE,
+    scene: str = "room",
+) -> Iterator[Sequence]:
+    """A recording whose images are rendered when they are loaded, as long as the context is open.
+
+    Args:
+        platform: which body moves.
+        seconds: length of the recording.
+        seed: fixes everything that is random.
+        degrade: what happens to vision, as `Schedule.parse` reads it.
+        moving_start: begin in full motion instead of standing still.
+        cameras: 1 or 2.
+        difficulty: easy, medium or difficult motion.
+        imu: its grade.
+        scene: what is around.
+
+    Raises:
+        ConfigError: an unknown platform, scene or degradation, or a value out of range.
+        RenderError: there is no OpenGL.
+    """
+    schedule = Schedule.parse(degrade)
+    schedule.check(seconds)
+    device = grade(imu)
+    calibration = euroc_like(device.noise, cameras)
+    gl.make_context(16, 16).free()  # where there is none, that is said before anything is simulated
+    motion = simulate_motion(platform, seconds, seed, moving_start, difficulty)
+    streams = Streams.of(seed)
+    samples, truth = simulate_imu(motion, device, streams.imu)
+    world = build(make_layout(scene, motion.p_WB, streams.world), streams.world)
+    stamps = frame_stamps(motion, calibration.cameras[0].rate_hz)
+    with Film(motion, calibration, world, stamps, schedule.in_camera, streams.vision) as film:
+        clean = Sequence(f"{platform}-{scene}-seed{seed}", calibration, samples, film.frames, truth)
+        yield degrade_sequence(clean, schedule.after_camera, seed)
+
+
+def felt(
+    platform: str = "quadrotor",
+    seconds: float = 60.0,
+    seed: int = 1,
+    *,
+    moving_start: bool = False,
+    difficulty: str = "medium",
+    imu: str = IMU_GRADE,
+) -> Sequence:
+    """A recording without cameras: IMU and truth, the same as `filmed` has; arguments and errors as there."""
+    device = grade(imu)
+    motion = simulate_motion(platform, seconds, seed, moving_start, difficulty)
+    samples, truth = simulate_imu(motion, device, Streams.of(seed).imu)
+    return Sequence(f"{platform}-imu-seed{seed}", Calibration(device.noise), samples, (), truth)
 
 
 def record(
@@ -22,52 +104,50 @@ def record(
     out: Path,
     *,
     degrade: str = "",
-    mode: Literal["images", "points"] = "images",
+    mode: Mode = "images",
     moving_start: bool = False,
     cameras: int = 1,
+    difficulty: str = "medium",
+    imu: str = IMU_GRADE,
+    scene: str = "room",
+    format: Format = "asl",
     progress: Progress | None = None,
 ) -> None:
-    """Write a recording in EuRoC's layout. The same arguments give the same bytes; a failure leaves nothing
-    behind.
+    """Write a recording. The same arguments give the same bytes; a failure leaves nothing behind.
+
+    One that is interrupted goes on when it is asked for again (`write_recording`).
 
     Args:
-        platform: which body moves.
-        seconds: length of the recording.
-        seed: fixes everything that is random.
         out: the folder to make; it must be new or empty.
-        degrade: what happens to vision, as `Schedule.parse` reads it.
-        mode: rendered images, or tracks of landmarks.
-        moving_start: begin in full motion instead of standing still.
-        cameras: 1 or 2.
+        mode: see `Mode`; without vision `degrade`, `cameras` and `scene` have no meaning.
+        format: EuRoC's layout, or a bag; tracks cannot be a bag.
         progress: gets the number of images done and of all.
+        platform, seconds, seed, degrade, moving_start, cameras, difficulty, imu, scene: as for `filmed`.
 
     Raises:
-        ConfigError: an unknown platform or degradation, a value out of range, or `out` is not empty.
+        ConfigError: as `filmed` and `write_recording` do.
         RenderError: images are wanted and there is no OpenGL.
     """
-    schedule = Schedule.parse(degrade)
-    calibration = euroc_like(grade(IMU_GRADE).noise, cameras)
-    with asl.new_folder(out) as partial:
-        folder = partial / "mav0"
-        motion = simulate_motion(platform, seconds, seed, moving_start)
-        for index, mount in enumerate(calibration.cameras):
-            asl.write_camera(folder, index, mount)
-        if mode == "points":
-            _write_points(folder, motion, seed, cameras, degrade)
-            return
-        streams = Streams.of(seed)
-        samples, truth = simulate_imu(motion, grade(IMU_GRADE), streams.imu)
-        asl.write_imu(folder, calibration.imu, samples)
-        asl.write_truth(folder, truth)
-        film = Film(motion, calibration, room(streams.world), schedule)
-        stamps = frame_stamps(motion, calibration.cameras[0].rate_hz)
-        film.shoot(folder, stamps, streams.vision, progress)
+    body: _Body = {"moving_start": moving_start, "difficulty": difficulty, "imu": imu}
+    vision: _Vision = {"degrade": degrade, "cameras": cameras, "scene": scene}
+    asked = {"platform": platform, "seconds": seconds, "seed": seed, "mode": mode, **body, **vision}
+    _check(mode, degrade, format)
+    check_request(out, format, asked)
+    if mode == "images":
+        with filmed(platform, seconds, seed, **body, **vision) as sequence:
+            write_recording(sequence, out, format=format, origin=asked, progress=progress)
+        return
+    if mode == "points":
+        sequence = simulate_points(platform, seconds, seed, **body, **vision)
+    else:
+        sequence = felt(platform, seconds, seed, **body)
+    write_recording(sequence, out, format=format, origin=asked, progress=progress)
 
 
-def _write_points(folder: Path, motion: Motion, seed: int, cameras: int, degrade: str) -> None:
-    sequence = simulate_points(seed=seed, cameras=cameras, degrade=degrade, motion=motion)
-    assert sequence.truth is not None
-    asl.write_imu(folder, sequence.calibration.imu, sequence.imu)
-    asl.write_truth(folder, sequence.truth)
-    for index in range(cameras):
-        asl.write_tracks(folder, index, list(sequence.frames))
+def _check(mode: Mode, degrade: str, format: Format) -> None:
+    if mode not in get_args(Mode):
+        raise ConfigError(f"mode {mode!r} is unknown; known are {', '.join(get_args(Mode))}")
+    if mode == "points" and format != "asl":
+        raise ConfigError(f"tracks cannot be written as {format}, which has no message for them; expected asl")
+    if mode == "imu" and degrade:
+        raise ConfigError(f"a recording without vision cannot be degraded; got {degrade!r}")

@@ -1,4 +1,4 @@
-"""One view of a flight under every degradation: a picture to look at."""
+"""One view under every degradation and severity: a picture to look at."""
 
 from pathlib import Path
 
@@ -6,66 +6,95 @@ import cv2
 import numpy as np
 
 from navcore.arrays import Image
-from sim.camera import SceneCamera
+from navcore.readers import open_sequence
+from navcore.sequence import Sequence
+from sim.degrade import Schedule, degrade_sequence
+from sim.degrade.schedule import GRADED, MAX_SEVERITY, RENDERED, STREAM
 from sim.errors import ConfigError
-from sim.exposure import EXPOSURE_S, Shutter
-from sim.imu import grade
-from sim.motion import EPOCH_NS, Motion
-from sim.platforms import simulate_motion
-from sim.points import IMU_GRADE
-from sim.rig import euroc_like
-from sim.scene import room
-from sim.schedule import MAX_SEVERITY
-from sim.sensor import ImageSensor, light_at
-from sim.streams import Streams
+from sim.record import filmed
 
 _SECONDS = 30.0
-_SMALL = (225, 144)  # px of one view in the picture
+_WIDTH = 160  # px of one view in the picture
+_FORMATS = {".png": (cv2.IMWRITE_PNG_COMPRESSION, 9), ".jpg": (cv2.IMWRITE_JPEG_QUALITY, 88)}
+_MARGIN = 8  # frames before and after the one that is shown
+_KINDS = tuple(kind for kind in GRADED if kind not in STREAM)
 
 
-def strip(out: Path, seed: int = 1) -> None:
-    """Write a PNG of two rows, low light and motion blur, each from clean to the worst severity.
+def strip(out: Path, seed: int = 1, recording: Path | None = None) -> None:
+    """Write a picture: a row for each kind that acts on images, from clean to the worst severity.
+
+    Args:
+        out: `.png` or `.jpg`.
+        seed: of the flight and of all degradations.
+        recording: what is shown; without it, a flight is rendered. It is the frame in which the rig turns fastest.
 
     Raises:
-        ConfigError: the folder of `out` is missing.
-        RenderError: no OpenGL here.
+        ConfigError: the folder of `out` is missing, or it is no picture's name.
+        RenderError: a flight is to be rendered, and there is no OpenGL here.
     """
     if not out.parent.is_dir():
         raise ConfigError(f"{out.parent}: no such folder")
-    motion = simulate_motion("quadrotor", _SECONDS, seed)
-    mount = euroc_like(grade(IMU_GRADE).noise).cameras[0]
-    streams = Streams.of(seed)
-    scene = room(streams.world)
-    sensor = ImageSensor.of(mount.camera.width, mount.camera.height, streams.vision)
-    shutter = Shutter(motion, mount, scene.layout)
-    t_ns = _fastest(motion)
-    with SceneCamera(scene, mount.camera) as camera:
-        sharp = shutter.expose(camera, t_ns, 0.0)
-        blurred = [shutter.expose(camera, t_ns, s) for s in EXPOSURE_S]
-    severities = range(MAX_SEVERITY + 1)
-    dark_row = [sensor.develop(sharp, light_at(k, dark=False), streams.vision) for k in severities]
-    blur_row = [sensor.develop(image, 1.0, streams.vision) for image in blurred]
-    rows = [
-        np.hstack([_labelled(im, f"{name} {k}") for k, im in enumerate(row)])
-        for name, row in (("low_light", dark_row), ("motion_blur", blur_row))
-    ]
-    done, data = cv2.imencode(".png", np.vstack(rows), (cv2.IMWRITE_PNG_COMPRESSION, 9))
+    if out.suffix not in _FORMATS:
+        raise ConfigError(f"{out}: expected a name that ends in {' or '.join(_FORMATS)}")
+    if recording is not None:
+        sequence = open_sequence(recording)
+        rows = [_row(sequence, _fastest(sequence), kind, seed) for kind in _KINDS]
+    else:
+        rows = _rendered_rows(seed)
+    picture = np.vstack([_heading(rows[0].shape[1]), *rows])
+    done, data = cv2.imencode(out.suffix, picture, _FORMATS[out.suffix])
     assert done
     out.write_bytes(data.tobytes())
 
 
-def _fastest(motion: Motion) -> int:
-    """When, well inside the flight, the body turns fastest [ns]."""
-    rate = np.linalg.norm(motion.omega_B, axis=1)
-    inside = slice(round(8.0 / motion.step_s), -round(1.0 / motion.step_s))
-    k = int(np.argmax(rate[inside])) + inside.start
-    return EPOCH_NS + round(k * motion.step_s * 1e9)
+def _rendered_rows(seed: int) -> list[Image]:
+    """Rows of a rendered flight; what the camera does itself is done in frames that follow the one that is shown."""
+    with filmed("quadrotor", _SECONDS, seed) as clean:
+        index = _fastest(clean)
+        t_s = [(f.t_ns - clean.frames[0].t_ns) * 1e-9 - 1e-3 for f in clean.frames[index : index + MAX_SEVERITY + 2]]
+        rows = {kind: _row(clean, index, kind, seed) for kind in _KINDS if kind not in RENDERED}
+        first = clean.frames[index].images[0].load()
+    for kind in RENDERED:
+        spans = (f"{kind}:{k}@{t_s[k]:.4f}-{t_s[k + 1]:.4f}" for k in range(1, MAX_SEVERITY + 1))
+        with filmed("quadrotor", _SECONDS, seed, degrade=",".join(spans)) as film:
+            frames = film.frames[index + 1 : index + 1 + MAX_SEVERITY]
+            rows[kind] = _joined([first, *(frame.images[0].load() for frame in frames)], kind)
+    return [rows[kind] for kind in _KINDS]
 
 
-def _labelled(image: Image, text: str) -> Image:
-    small = cv2.resize(image, _SMALL, interpolation=cv2.INTER_AREA)
-    text = "clean" if text.endswith(" 0") else text
+def _row(sequence: Sequence, index: int, kind: str, seed: int) -> Image:
+    """One frame, from clean to the worst; the degradation has just begun."""
+    t_s = (sequence.frames[index].t_ns - sequence.frames[0].t_ns) * 1e-9
+    images = [sequence.frames[index].images[0].load()]
+    for severity in range(1, MAX_SEVERITY + 1):
+        schedule = Schedule.parse(f"{kind}:{severity}@{max(t_s - 0.12, 0.0):.4f}-{t_s + 0.2:.4f}")
+        images.append(degrade_sequence(sequence, schedule, seed).frames[index].images[0].load())
+    return _joined(images, kind)
+
+
+def _fastest(sequence: Sequence) -> int:
+    """Which frame, well inside the recording, the body turns fastest at."""
+    stamps = np.array([f.t_ns for f in sequence.frames])
+    rate = np.linalg.norm(sequence.imu.gyro, axis=1)
+    at_frames = np.interp(stamps - stamps[0], sequence.imu.t_ns - stamps[0], rate)
+    low, high = _MARGIN, len(stamps) - _MARGIN
+    if low >= high:
+        raise ConfigError(f"{sequence.name}: {len(stamps)} frames; a picture needs more than {2 * _MARGIN}")
+    return low + int(np.argmax(at_frames[low:high]))
+
+
+def _heading(width: int) -> Image:
+    bar = np.full((22, width), 255, dtype=np.uint8)
+    for k in range(MAX_SEVERITY + 1):
+        text = "clean" if k == 0 else f"{k}"
+        cv2.putText(bar, text, (k * _WIDTH + 6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, 0, 1, cv2.LINE_AA)
+    return bar
+
+
+def _joined(images: list[Image], kind: str) -> Image:
+    height = round(images[0].shape[0] * _WIDTH / images[0].shape[1])
+    row = np.hstack([cv2.resize(image, (_WIDTH, height), interpolation=cv2.INTER_AREA) for image in images])
     for colour, shift in ((0, 1), (255, 0)):
-        place = (6 + shift, 16 + shift)
-        cv2.putText(small, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)
-    return np.asarray(small, dtype=np.uint8)
+        place = (5 + shift, 14 + shift)
+        cv2.putText(row, kind, place, cv2.FONT_HERSHEY_SIMPLEX, 0.42, colour, 1, cv2.LINE_AA)
+    return row

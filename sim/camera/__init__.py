@@ -1,0 +1,1 @@
+"""Cameras: rendering through a lens, exposure, the image sensor."""

@@ -1,0 +1,78 @@
+"""What a camera gathers while its shutter is open: motion blur out of true sub-frames."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from navcore.arrays import Floats, Image, Stamps, Vectors
+from navcore.calibration import CameraMount
+from sim.camera.render import COARSE, FINE, SceneCamera
+from sim.motion import Motion
+from sim.world.layout import Layout
+
+MAX_STEP_PX = 2.0
+"""How far any point of the image may move between two sub-frames."""
+EXPOSURE_S = (0.0, 0.006, 0.012, 0.020, 0.030, 0.045)
+"""Exposure by severity of motion_blur; a clean image is sharp."""
+
+_GRID = (9, 6)  # points of the image that are watched
+_PROBES = 7  # poses over an exposure, to measure the movement
+_BORDER = 20.0  # px
+
+
+@dataclass(frozen=True)
+class Shutter:
+    """Takes exposures of one camera of a rig that moves through a scene."""
+
+    motion: Motion
+    mount: CameraMount
+    layout: Layout
+
+    def expose(self, camera: SceneCamera, t_ns: int, exposure_s: float) -> Image:
+        """(height, width) uint16 linear radiance, the mean over an exposure centred at `t_ns`.
+
+        Exposures are cut at the ends of the motion.
+        """
+        if exposure_s == 0.0:
+            return camera.linear_image(self.poses(np.array([t_ns]))[0], FINE)
+        stamps = self.sub_stamps(t_ns, exposure_s)
+        total = np.zeros((self.mount.camera.height, self.mount.camera.width), dtype=np.float32)
+        for T_WC in self.poses(stamps):
+            total += camera.linear_image(T_WC, FINE if len(stamps) == 1 else COARSE)
+        mean: Image = np.rint(total / len(stamps)).astype(np.uint16)
+        return mean
+
+    def sub_stamps(self, t_ns: int, exposure_s: float) -> Stamps:
+        """(n,) ns int64, evenly over the exposure, at most `MAX_STEP_PX` of image movement apart."""
+        half_ns = round(0.5e9 * exposure_s)
+        low = max(t_ns - half_ns, self.motion.start_ns)
+        high = min(t_ns + half_ns, self.motion.end_ns)
+        n = max(1, int(np.ceil(self._movement(low, high) / MAX_STEP_PX)))
+        stamps: Stamps = low + ((np.arange(n) + 0.5) * (high - low) / n).astype(np.int64)
+        return stamps
+
+    def poses(self, t_ns: Stamps) -> Floats:
+        """T_WC (N, 4, 4) at stamps (N,)."""
+        states = self.motion.at(t_ns)
+        T_WB = np.tile(np.eye(4), (len(states), 1, 1))
+        T_WB[:, :3, :3], T_WB[:, :3, 3] = states.R_WB, states.p_WB
+        T_WC: Floats = T_WB @ self.mount.T_BC
+        return T_WC
+
+    def _movement(self, low_ns: int, high_ns: int) -> float:
+        """Length of the longest way [px] that a point of the scene goes in the image."""
+        poses = self.poses(np.linspace(low_ns, high_ns, _PROBES).astype(np.int64))
+        points = self._points_seen(poses[_PROBES // 2])
+        p_CF = (points - poses[:, None, :3, 3]) @ poses[:, :3, :3]
+        uv = self.mount.camera.project(p_CF)
+        steps = np.linalg.norm(np.diff(uv, axis=0), axis=2)
+        return float(steps.sum(axis=0).max())
+
+    def _points_seen(self, T_WC: Floats) -> Vectors:
+        camera = self.mount.camera
+        u = np.linspace(_BORDER, camera.width - 1 - _BORDER, _GRID[0])
+        v = np.linspace(_BORDER, camera.height - 1 - _BORDER, _GRID[1])
+        rays_W = camera.unproject(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)) @ T_WC[:3, :3].T
+        start = np.tile(T_WC[:3, 3], (len(rays_W), 1))
+        points: Vectors = start + self.layout.distance(start, rays_W)[:, None] * rays_W
+        return points

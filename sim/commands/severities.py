@@ -1,0 +1,45 @@
+"""`python -m sim severities`: the scale of severities, measured."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+
+from sim.commands.bar import image_bar
+from sim.errors import ConfigError
+from sim.severities import real_clip, rendered_clip, report
+
+_START_S, _SECONDS = 8.0, 6.0  # of the rendered flight: in full motion
+_HEAD = """# What severities do to feature tracks
+
+Made by `python -m sim severities`; what the figures mean stands in `sim/severities.py`.
+"""
+
+
+@dataclass(frozen=True)
+class Severities:
+    """Measure what each kind and severity does to feature tracks, on a rendered flight and on real images."""
+
+    out: Path | None = None  # Markdown to write; the terminal without it
+    recording: Path | None = None  # a recording with images that is measured, too
+    start_s: float = 4.0  # where its clip begins, in seconds from the first frame
+    seconds: float = 7.0  # how long it is
+    seed: int = 1  # of the flight
+
+    def run(self, console: Console) -> None:
+        """Measure and write."""
+        if self.out is not None and not self.out.parent.is_dir():
+            raise ConfigError(f"{self.out.parent}: no such folder")
+        clips = [(f"A rendered flight (quadrotor, seed {self.seed})", rendered_clip(_START_S, _SECONDS, self.seed))]
+        if self.recording is not None:
+            title = f"{self.recording.name}, {self.start_s:g} s to {self.start_s + self.seconds:g} s"
+            clips.append((title, real_clip(self.recording, self.start_s, self.seconds)))
+        pages = [_HEAD]
+        for title, clip in clips:
+            with image_bar(console, title) as progress:
+                pages.append(report(clip, title, progress))
+        if self.out is None:
+            console.print("\n".join(pages), markup=False, highlight=False)
+        else:
+            self.out.write_text("\n".join(pages))
+            console.print(f"wrote {self.out}")

@@ -1,0 +1,99 @@
+"""Points mode: the flights and IMU of the simulator, with projected landmarks instead of images."""
+
+import numpy as np
+
+from navcore.arrays import Stamps
+from navcore.sequence import Sequence
+from sim.degrade.schedule import Schedule
+from sim.degrade.stream import restream
+from sim.errors import ConfigError
+from sim.imu import exact_imu, grade, simulate_imu
+from sim.motion import Motion
+from sim.platforms import simulate_motion
+from sim.points.objects import Objects
+from sim.points.seeing import Seeing
+from sim.points.tracks import follow
+from sim.points.view import Landmarks, View
+from sim.rig import euroc_like
+from sim.streams import Streams
+from sim.world.layout import make_layout
+
+LANDMARKS = 3000
+FIRST_FRAME_S = 0.1013  # the frames lie between IMU samples, as on rigs without a common trigger
+LAST_FRAME_MARGIN_S = 0.02  # the IMU goes on past the last frame
+IMU_GRADE = "adis16448"
+
+
+def simulate_points(
+    platform: str = "quadrotor",
+    seconds: float = 60.0,
+    seed: int = 1,
+    *,
+    pixel_noise: float = 1.0,
+    max_features: int = 150,
+    track_life_s: float = 3.0,
+    outliers: float = 0.0,
+    moving: float = 0.0,
+    cameras: int = 1,
+    noisy_imu: bool = True,
+    moving_start: bool = False,
+    blackouts: tuple[tuple[float, float], ...] = (),
+    degrade: str = "",
+    difficulty: str = "medium",
+    imu: str = IMU_GRADE,
+    scene: str = "room",
+    motion: Motion | None = None,
+    noise_seed: int | None = None,
+) -> Sequence:
+    """A recording with tracks, and truth with biases at the IMU's stamps.
+
+    Args:
+        platform: which body moves.
+        seconds: length of the recording.
+        seed: fixes the motion, the world and, without `noise_seed`, all noise.
+        pixel_noise: px, sd per axis.
+        max_features: per image.
+        track_life_s: mean time until a visible feature is lost by chance.
+        outliers: share of features that are mismatched: under their id they show another point, and jump.
+        moving: share of features that sit on moving objects, several, near the camera.
+        cameras: 1 or 2; the second one sees the same features.
+        noisy_imu: False gives exact samples without biases.
+        moving_start: begin in full motion.
+        blackouts: (start, end) seconds from the first frame in which nothing is seen.
+        degrade: a schedule as `Schedule.parse` reads it.
+        difficulty: easy, medium or difficult motion.
+        imu: its grade, as `sim.imu.grade` reads it.
+        scene: what is around.
+        motion: one that was simulated before, instead of platform, seconds and moving_start.
+        noise_seed: draws IMU and vision anew over the same motion and world.
+
+    Raises:
+        ConfigError: an unknown platform, grade, scene or degradation, a degradation beyond the recording, or a
+            value out of range.
+    """
+    wanted = Seeing(pixel_noise, max_features, track_life_s, outliers, moving)
+    schedule = Schedule.parse(degrade).with_blackouts(tuple(blackouts))
+    schedule.check(seconds if motion is None else motion.duration_s)
+    streams = Streams.of(seed, noise_seed)
+    device = grade(imu)
+    calibration = euroc_like(device.noise, cameras)
+    if motion is None:
+        motion = simulate_motion(platform, seconds, seed, moving_start, difficulty)
+    rate_hz = device.noise.rate_hz
+    samples, truth = simulate_imu(motion, device, streams.imu) if noisy_imu else exact_imu(motion, rate_hz)
+    layout = make_layout(scene, motion.p_WB, streams.world)
+    points, normals = layout.landmarks(LANDMARKS, streams.world)
+    stamps = frame_stamps(motion, calibration.cameras[0].rate_hz)
+    view = View(calibration, motion.at(stamps))
+    landmarks = Landmarks(view, points, normals, layout.distance)
+    objects = Objects(view, layout.distance, streams.vision.spawn(1)[0])
+    frames = restream(follow(landmarks, objects, wanted, schedule, streams.vision), schedule, seed)
+    return Sequence(f"{platform}-points-seed{seed}", calibration, samples, frames, truth)
+
+
+def frame_stamps(motion: Motion, rate_hz: float) -> Stamps:
+    """(N,) ns: when the cameras look."""
+    n = int((motion.duration_s - FIRST_FRAME_S - LAST_FRAME_MARGIN_S) * rate_hz) + 1
+    if n < 1:
+        raise ConfigError(f"a motion of {motion.duration_s} s is too short for one frame")
+    return motion.start_ns + np.rint((FIRST_FRAME_S + np.arange(n) / rate_hz) * 1e9).astype(np.int64)

@@ -1,0 +1,109 @@
+"""A real recording with new eyes: its IMU as it is, its path smoothed, its images rendered."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from navcore.arrays import Stamps
+from navcore.calibration import Calibration
+from navcore.errors import DataError
+from navcore.sequence import Sequence
+from sim.camera import gl
+from sim.camera.film import Film
+from sim.degrade import Schedule, degrade_sequence
+from sim.errors import ConfigError
+from sim.replay.smoothed import SmoothedTruth, smooth_truth
+from sim.replay.stamps import open_recording, regular
+from sim.streams import Streams
+from sim.world import SCENES, build, make_layout
+
+_IMU_BEFORE_NS = 100_000_000  # of the samples before the first frame that a clip keeps
+
+
+@contextmanager
+def replayed(
+    source: Path | Sequence,
+    scene: str = "room",
+    *,
+    degrade: str = "",
+    seed: int = 1,
+    cameras: int = 1,
+    start_s: float | None = None,
+    end_s: float | None = None,
+) -> Iterator[Sequence]:
+    """A recording re-rendered: images are rendered when they are loaded, as long as the context is open.
+
+    IMU samples and calibration are the recording's own; only the offset between camera and IMU is gone, since
+    frames are rendered at, and stamped in, the IMU's time. Truth is the path that is rendered.
+
+    Args:
+        source: a recording with truth, or where it is.
+        scene: what is built around the path.
+        degrade: what happens to vision, as `Schedule.parse` reads it; times count from the first frame.
+        seed: fixes the scene and all that is random in images.
+        cameras: how many of the recording's cameras.
+        start_s, end_s: only the part between, in seconds from the first frame whose pose is known.
+
+    Raises:
+        ConfigError: an unknown scene or degradation, or more cameras than there are.
+        DataError: the recording has a fault, no truth, or no frame in the part.
+        RenderError: there is no OpenGL, or a camera that cannot be rendered.
+    """
+    schedule = Schedule.parse(degrade)
+    recording, listed = open_recording(source)
+    _check(recording, scene, cameras, seed)
+    gl.make_context(16, 16).free()  # where there is none, that is said before anything is smoothed
+    path = smooth_truth(recording)
+    stamps, lost = _frames(recording, listed, path, start_s, end_s)
+    schedule.check(float(stamps[-1] - stamps[0]) * 1e-9)
+    imu = recording.imu
+    if start_s is not None:
+        imu = imu.between(int(stamps[0]) - _IMU_BEFORE_NS, int(imu.t_ns[-1]) + 1)
+    mounts = tuple(replace(mount, dt_cam_imu=0.0) for mount in recording.calibration.cameras[:cameras])
+    calibration = Calibration(recording.calibration.imu, mounts)
+    streams = Streams.of(seed)
+    world = build(make_layout(scene, path.motion.p_WB, streams.world), streams.world)
+    notes = (*recording.notes, *path.notes, *lost)
+    with Film(path.motion, calibration, world, stamps, schedule.in_camera, streams.vision) as film:
+        clean = Sequence(f"{recording.name}-{scene}-seed{seed}", calibration, imu, film.frames, path.truth, notes)
+        yield degrade_sequence(clean, schedule.after_camera, seed)
+
+
+def frame_stamps(recording: Sequence, listed: Stamps | None, path: SmoothedTruth) -> tuple[Stamps, tuple[str, ...]]:
+    """Stamps (N,) ns, in the IMU's time, of the frames whose pose is known, and a note on the others."""
+    mount = recording.calibration.cameras[0]
+    if listed is None:
+        stamps = regular(path.motion.start_ns, path.motion.end_ns, mount.rate_hz)
+    else:
+        stamps = listed + round(mount.dt_cam_imu * 1e9)
+    known = path.known(stamps)
+    lost = int((~known).sum())
+    return stamps[known], (f"{lost} frame(s) left out whose pose is not known",) if lost else ()
+
+
+def _frames(
+    recording: Sequence, listed: Stamps | None, path: SmoothedTruth, start_s: float | None, end_s: float | None
+) -> tuple[Stamps, tuple[str, ...]]:
+    stamps, notes = frame_stamps(recording, listed, path)
+    if len(stamps) == 0:
+        raise DataError(f"{recording.name}: no frame lies where truth is known")
+    seconds = (stamps - stamps[0]) * 1e-9
+    part = stamps[(seconds >= (start_s or 0.0)) & (seconds <= (np.inf if end_s is None else end_s))]
+    if len(part) == 0:
+        raise DataError(
+            f"{recording.name}: no frame between {start_s} s and {end_s} s; frames end at {seconds[-1]:.2f} s"
+        )
+    return part, notes
+
+
+def _check(recording: Sequence, scene: str, cameras: int, seed: int) -> None:
+    """Say what is wrong with a request before work begins."""
+    available = len(recording.calibration.cameras)
+    if not 1 <= cameras <= available:
+        raise ConfigError(f"{cameras} cameras were asked for; {recording.name} has {available} with a calibration")
+    if scene not in SCENES:
+        raise ConfigError(f"scene {scene!r} is unknown; known are {sorted(SCENES)}")
+    Streams.of(seed)
