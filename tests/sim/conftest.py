@@ -2,7 +2,8 @@
 
 import pytest
 
-from sim import gl, simulate_motion
+from sim import simulate_motion
+from sim.camera import gl
 from sim.motion import Motion
 
 

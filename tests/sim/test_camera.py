@@ -5,13 +5,14 @@ import pytest
 from navcore import so3
 from navcore.arrays import Floats, Image, Pixels, Vectors
 from navcore.camera import Camera, PinholeEquidistant, PinholeRadtan
-from sim.camera import FINE, LINEAR_MAX, SceneCamera
+from sim.camera.render import FINE, SceneCamera
 from sim.errors import RenderError
 from sim.imu import GRADES
-from sim.layout import Layout, furnished_room
-from sim.lighting import irradiance
+from sim.radiance import LINEAR_MAX
 from sim.rig import euroc_like
-from sim.scene import Scene, build, room
+from sim.world.layout import Layout, make_layout
+from sim.world.lighting import irradiance
+from sim.world.scene import Scene, build
 
 pytestmark = pytest.mark.usefixtures("opengl")
 
@@ -59,7 +60,8 @@ def test_points_appear_where_the_camera_model_projects_them(camera: Camera, metr
 
 @pytest.fixture(scope="module")
 def furnished() -> Scene:
-    return room(np.random.default_rng(3))
+    rng = np.random.default_rng(3)
+    return build(make_layout("room", np.zeros((1, 3)), rng), rng)
 
 
 def test_two_views_of_a_room_agree_through_its_geometry(furnished: Scene) -> None:
@@ -109,8 +111,8 @@ def test_a_camera_wider_than_a_pinhole_is_refused(furnished: Scene) -> None:
 
 def test_baked_light_lies_where_the_lamps_throw_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """On grey surfaces, brightness in the image is irradiance at the point that the pixel sees."""
-    monkeypatch.setattr("sim.scene.dead_leaves", lambda w, h, *_: np.full((h, w), 0.3))
-    layout = furnished_room(np.random.default_rng(3))
+    monkeypatch.setattr("sim.world.scene.dead_leaves", lambda w, h, *_: np.full((h, w), 0.3))
+    layout = make_layout("room", np.zeros((1, 3)), np.random.default_rng(3))
     camera = PinholeRadtan(160, 120, 80.0, 80.0, 79.5, 59.5)
     views = [pose((-1.9, 0.3 + k, -0.3), (0.5, -0.4, 1.4)) for k in (0.0, 1.5)]
     with SceneCamera(build(layout, np.random.default_rng(1)), camera) as eye:

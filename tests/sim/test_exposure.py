@@ -1,13 +1,14 @@
 import numpy as np
 import pytest
 
-from sim.camera import LINEAR_MAX, SceneCamera
-from sim.exposure import EXPOSURE_S, MAX_STEP_PX, Shutter
+from sim.camera.exposure import EXPOSURE_S, MAX_STEP_PX, Shutter
+from sim.camera.render import SceneCamera
 from sim.imu import GRADES
-from sim.layout import Layout, furnished_room
 from sim.motion import EPOCH_NS, Motion
+from sim.radiance import LINEAR_MAX
 from sim.rig import euroc_like
-from sim.scene import build
+from sim.world.layout import Layout, make_layout
+from sim.world.scene import build
 
 MOUNT = euroc_like(GRADES["adis16448"].noise).cameras[0]
 FLYING_NS = EPOCH_NS + 9_000_000_000
@@ -15,7 +16,7 @@ FLYING_NS = EPOCH_NS + 9_000_000_000
 
 @pytest.fixture(scope="module")
 def layout() -> Layout:
-    return furnished_room(np.random.default_rng(1))
+    return make_layout("room", np.zeros((1, 3)), np.random.default_rng(1))
 
 
 @pytest.fixture(scope="module")

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from sim.layout import Block, Layout, furnished_room
+from sim.world.layout import Block, Layout, make_layout
 
 
 @pytest.fixture(scope="module")
 def room() -> Layout:
-    return furnished_room(np.random.default_rng(1))
+    return make_layout("room", np.zeros((1, 3)), np.random.default_rng(1))
 
 
 def test_landmarks_lie_on_surfaces_with_normals_into_the_air(room: Layout) -> None:
@@ -29,7 +29,7 @@ def test_rays_end_at_the_nearest_of_wall_and_block() -> None:
 
 def test_clutter_stays_out_of_the_middle_of_the_room() -> None:
     for seed in range(20):
-        for block in furnished_room(np.random.default_rng(seed)).blocks:
+        for block in make_layout("room", np.zeros((1, 3)), np.random.default_rng(seed)).blocks:
             centre, half = np.array(block.centre), np.array(block.half)
             reaches_in = np.abs(centre[:2]) - half[:2] < np.array([5.0, 4.0]) - 1.0
             assert not reaches_in.all() or centre[2] - half[2] > 3.3

@@ -2,8 +2,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sim.degrade.schedule import GRADED, Degradation, Schedule
 from sim.errors import ConfigError
-from sim.schedule import GRADED, Degradation, Schedule
 
 
 def test_items_are_read_and_answer_for_their_span() -> None:
@@ -31,12 +31,12 @@ def test_what_is_written_is_read(kind: str, severity: int, start: int, length: i
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ("fog:3@1-2", "known are blackout, low_light, motion_blur"),
+        ("smog:3@1-2", "known are blackout, motion_blur, texture_loss, .*, time_offset"),
         ("low_light:6@1-2", "severity of low_light is 6, expected 1 to 5"),
         ("low_light@1-2", "needs a severity from 1 to 5"),
         ("blackout:2@1-2", "a blackout has no severity"),
         ("blackout@5-2", "expected 0 <= start < end"),
-        ("blackout", "KIND one of blackout, low_light, motion_blur"),
+        ("blackout", "KIND one of blackout, motion_blur, texture_loss"),
         ("low_light:x@1-2", "not of the form"),
         ("blackout@1.2.3-5", "not of the form"),
     ],

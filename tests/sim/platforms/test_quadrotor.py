@@ -3,9 +3,9 @@ import pytest
 
 from sim import simulate_motion
 from sim.errors import ConfigError
-from sim.layout import ROOM_SIZE
 from sim.motion import Motion
-from sim.quadrotor import QuadrotorFlight
+from sim.platforms.quadrotor import QuadrotorFlight
+from sim.world.layout import ROOM_SIZE
 
 
 def test_it_stands_still_then_takes_off_and_flies(flight: Motion) -> None:

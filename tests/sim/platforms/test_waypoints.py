@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.waypoints import Box, Path, random_path
+from sim.platforms.waypoints import Box, Path, random_path
 
 BOX = Box((-3.8, -2.8, 1.1), (3.8, 2.8, 3.0))
 
