@@ -3,20 +3,20 @@
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from eval import files, metrics
 from eval.alignment import Mode
 from eval.errors import EvalError
 from eval.outcome import Outcome, load
 from eval.paired import paired
-from eval.preset import PRESETS, SimPreset
-from eval.tables import failure_table, group_table, paired_table, score_table
+from eval.preset import PRESETS
+from eval.tables import failure_table, overview_table, score_table
 from navcore.errors import NavcoreError
 from sim.errors import SimError
 
@@ -49,46 +49,34 @@ def score(
 
 
 def study(
-    preset: Literal["sim"],
-    config: tyro.conf.OmitArgPrefixes[SimPreset],
-    out: Path = Path("results/sim"),
+    preset: Literal["quick", "standard", "full"] = "quick",
+    out: Path | None = None,
+    seeds: int | None = None,
+    rendered_seeds: int | None = None,
     scheduler: str | None = None,
     workers: int | None = None,
 ) -> int:
     """Run a study, or what is left of it, and write its report.
 
     Args:
-        preset: which study.
-        config: its size.
-        out: its folder; a study that was stopped goes on there.
+        preset: which study; docs/study.md lists their cells.
+        out: its folder, results/PRESET by default; a study that was stopped goes on there.
+        seeds: flights of a condition in points mode, instead of the preset's.
+        rendered_seeds: the same with images; 0 renders none.
         scheduler: address of a Dask scheduler; a local cluster is started without one.
         workers: processes of the local cluster, one for each core by default.
     """
+    from eval.bar import study_bar
     from eval.report import write_report
     from eval.study import run_study
 
-    console = _console()
-    assert isinstance(config, PRESETS[preset])
-    with Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=console,
-    ) as bar:
-        task = bar.add_task("preparing", total=None)
-        planned = config.study(out)
-        bar.update(
-            task, description="cells (rendered flights take minutes before their first)", total=len(planned.cells)
-        )
-        outcome = run_study(
-            planned,
-            out,
-            scheduler=scheduler,
-            workers=workers,
-            progress=lambda done, count: bar.update(task, completed=done, total=count),
-        )
-    page = write_report(outcome, out)
+    console, chosen = _console(), PRESETS[preset]
+    chosen = replace(chosen, seeds=chosen.seeds if seeds is None else seeds)
+    chosen = replace(chosen, rendered_seeds=chosen.rendered_seeds if rendered_seeds is None else rendered_seeds)
+    folder = out or Path("results") / preset
+    with study_bar(console) as progress:
+        outcome = run_study(chosen.study(folder), folder, scheduler=scheduler, workers=workers, progress=progress)
+    page = write_report(outcome, folder)
     return _show(outcome, page, console)
 
 
@@ -110,9 +98,10 @@ def _console() -> Console:
 
 
 def _show(outcome: Outcome, page: Path, console: Console) -> int:
-    tables = [group_table(outcome.records), paired_table(paired(outcome.records, outcome.index.base))]
+    base = outcome.index.base
+    overview = overview_table(outcome.records, paired(outcome.records, base), base)
     wrong = failure_table(outcome)
-    for table in [*tables, *([wrong] if wrong.rows else [])]:
+    for table in [overview, *([wrong] if wrong.rows else [])]:
         console.print(table.rich())
     console.print(f"{len(outcome.records)} cells in {outcome.index.seconds / 60.0:.1f} min. Report: {page}")
     return 1 if wrong.rows else 0

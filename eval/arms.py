@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from eval.errors import StudyError
-from eval.sources import PointsFlight
+from eval.sources import Flight, PointsFlight
+from navcore.arrays import Floats
 
 BASE = "none"
 """The arm that all others are compared with."""
@@ -33,14 +34,14 @@ class Arm:
         return replace(source, noise_seed=self.noise_seed) if self.noise_seed is not None else source
 
 
-def write_device(workspace: Path, platform: str, seeds: range) -> str:
+def write_device(workspace: Path, imu: str, seeds: range) -> str:
     """What other recordings say of the device, for the prior `constant`: mean and spread of first biases.
 
     The spread is that of the next draw: the sample covariance times 1 + 1/n.
 
     Args:
         workspace: the study's folder, where the file is put.
-        platform: whose recordings.
+        imu: whose grade.
         seeds: of those recordings; none of them may be in the study.
 
     Returns:
@@ -53,11 +54,16 @@ def write_device(workspace: Path, platform: str, seeds: range) -> str:
         raise StudyError(f"a device prior from {len(seeds)} recordings; its covariance needs 12 or more")
     drawn = []
     for seed in seeds:
-        truth = PointsFlight(platform, 1.0, seed).load(workspace).truth
+        truth = PointsFlight(Flight("quadrotor", 1.0, seed, imu=imu)).load(workspace).truth
         assert truth is not None and truth.b_g is not None and truth.b_a is not None
         drawn.append(np.concatenate([truth.b_g[0], truth.b_a[0]]))
     mean = np.mean(drawn, axis=0)
     covariance = np.cov(np.array(drawn).T) * (1.0 + 1.0 / len(drawn))
+    return write_constant(workspace, mean, covariance)
+
+
+def write_constant(workspace: Path, mean: Floats, covariance: Floats) -> str:
+    """A file for the prior `constant`: mean (6,) and covariance (6, 6) of b_g, b_a; returns its name."""
     content = {"b_g": mean[:3].tolist(), "b_a": mean[3:].tolist(), "covariance": covariance.tolist()}
     text = json.dumps(content, indent=1)
     name = f"device-{hashlib.sha256(text.encode()).hexdigest()[:8]}.json"

@@ -39,80 +39,78 @@ def colour(arm: str, arms: list[str]) -> str:
     return ARM_COLOURS[arms.index(arm) % len(ARM_COLOURS)]
 
 
-def ate_by_condition(records: list[Record], scene: str, arms: list[str]) -> Figure:
-    """ATE of every run by condition and arm, with the median and its 95 % interval."""
+def places(records: Iterable[Record]) -> tuple[dict[str, float], str]:
+    """Where the conditions of a regime stand on its axis, and the axis's name: in a row if it has none."""
+    levels = {str(r.config["condition"]): r.config["level"] for r in records}
+    axis = next((str(r.config["axis"]) for r in records), "")
+    if not axis or None in levels.values():
+        return {condition: float(k) for k, condition in enumerate(levels)}, ""
+    return {condition: float(level) for condition, level in levels.items()}, axis
+
+
+def spacing(at: Iterable[float]) -> float:
+    """The least distance between two conditions."""
+    steps = np.diff(sorted(set(at)))
+    return float(steps.min()) if len(steps) else 1.0
+
+
+def ate_by_condition(records: list[Record], arms: list[str]) -> Figure:
+    """ATE of every run of a regime by condition and arm, with the median and its 95 % interval.
+
+    Medians are joined where conditions are levels of an axis. Runs that diverged are hollow.
+    """
+    at, axis = places(records)
+    step = spacing(at.values())
     table = frame(records)
-    table = table[(table.scene == scene) & table.ate_m.notna()]
-    conditions = list(table.condition.unique())
+    table = table[table.ate_m.notna()]
     present = [arm for arm in arms if (table.arm == arm).any()]
     traces: list[Figure] = []
     for k, arm in enumerate(present):
-        look = {"color": colour(arm, arms), "symbol": ARM_SYMBOLS[arms.index(arm) % len(ARM_SYMBOLS)]}
-        offset = (k - 0.5 * (len(present) - 1)) * 0.8 / len(present)
-        groups = [table[(table.arm == arm) & (table.condition == c)].sort_values("seed") for c in conditions]
-        at = [(i + offset, g.ate_m.to_numpy(dtype=np.float64)) for i, g in enumerate(groups) if len(g)]
-        if any(len(values) > 1 for _, values in at):
-            x = np.concatenate([c + 0.09 * np.linspace(-1.0, 1.0, len(v)) for c, v in at])
-            y = np.concatenate([v for _, v in at])
-            seeds = [str(s) for g in groups for s in g.seed]
-            marks = look | {"size": 5, "opacity": 0.45}
-            traces.append(
-                _points(arm, x, y, marks, False) | {"text": seeds, "hovertemplate": "seed %{text}: %{y:.4f} m"}
-            )
-        traces.append(_medians(arm, at, look))
-    ticks = {"tickvals": list(range(len(conditions))), "ticktext": conditions, "zeroline": False}
-    ticks |= {"range": [-0.6, len(conditions) - 0.4]}
-    return {
-        "data": traces,
-        "layout": {"xaxis": ticks, "yaxis": {"type": "log", "dtick": "D2", "title": {"text": "ATE [m]"}}},
-    }
+        offset = (k - 0.5 * (len(present) - 1)) * 0.7 * step / len(present)
+        symbol = ARM_SYMBOLS[arms.index(arm) % len(ARM_SYMBOLS)]
+        look = {"color": colour(arm, arms), "symbol": symbol}
+        groups = [(at[c] + offset, table[(table.arm == arm) & (table.condition == c)]) for c in at]
+        known = [(x, g.sort_values("seed")) for x, g in groups if len(g)]
+        if any(len(g) > 1 for _, g in known):
+            spread = [x + 0.06 * step * np.linspace(-1.0, 1.0, len(g)) for x, g in known]
+            y = np.concatenate([g.ate_m.to_numpy(dtype=np.float64) for _, g in known])
+            symbols = [f"{symbol}-open" if d == 1.0 else symbol for _, g in known for d in g.diverged]
+            marks = look | {"size": 5, "opacity": 0.5, "symbol": symbols}
+            texts = [str(s) for _, g in known for s in g.seed]
+            single = _points(arm, np.concatenate(spread), y, marks, False)
+            traces.append(single | {"text": texts, "hovertemplate": "seed %{text}: %{y:.4f} m"})
+        medians = [(x, g.ate_m.to_numpy(dtype=np.float64)) for x, g in known]
+        traces.append(_medians(arm, medians, look, joined=bool(axis)))
+    y_axis = {"type": "log", "dtick": "D2", "title": {"text": "ATE [m]"}}
+    return {"data": traces, "layout": {"xaxis": _conditions(at, axis, step), "yaxis": y_axis}}
 
 
-def ratios(pairs: list[Paired], arms: list[str]) -> Figure:
-    """ATE over that of the base, seed by seed, with the median and its 95 % interval."""
+def ratios(records: list[Record], pairs: list[Paired], arms: list[str]) -> Figure | None:
+    """ATE over that of the base, seed by seed, with the median and its 95 % interval; None without pairs."""
+    at, axis = places(records)
+    step = spacing(at.values())
     shown = [p for p in pairs if len(p.seeds) > 1]
-    conditions = list(dict.fromkeys(p.condition for p in shown))
     present = [arm for arm in arms if any(p.arm == arm for p in shown)]
+    if not present:
+        return None
     traces: list[Figure] = []
     for k, arm in enumerate(present):
-        offset = (0.5 * (len(present) - 1) - k) * 0.8 / len(present)
+        offset = (k - 0.5 * (len(present) - 1)) * 0.7 * step / len(present)
         look = {"color": colour(arm, arms), "symbol": ARM_SYMBOLS[arms.index(arm) % len(ARM_SYMBOLS)]}
         mine = [p for p in shown if p.arm == arm]
-        rows = [conditions.index(p.condition) + offset for p in mine]
-        x = np.concatenate([np.exp(p.log_ratios) for p in mine])
-        y = np.concatenate([np.full(len(p.seeds), row) for p, row in zip(mine, rows, strict=True)])
-        seeds = [str(s) for p in mine for s in p.seeds]
-        marks = look | {"size": 5, "opacity": 0.45}
-        traces.append(_points(arm, x, y, marks, False) | {"text": seeds, "hovertemplate": "seed %{text}: × %{x:.3f}"})
-        median = np.array([p.median for p in mine])
-        high = np.array([p.high if p.high is not None else p.median for p in mine])
-        low = np.array([p.low if p.low is not None else p.median for p in mine])
-        bars = {
-            "type": "data",
-            "symmetric": False,
-            "array": _listed(high - median),
-            "arrayminus": _listed(median - low),
-        }
-        trace = _points(arm, median, np.array(rows), look | {"size": 11}, True)
-        traces.append(trace | {"error_x": bars | {"color": look["color"], "thickness": 2.5}})
-    one = {
-        "type": "line",
-        "x0": 1,
-        "x1": 1,
-        "yref": "paper",
-        "y0": 0,
-        "y1": 1,
-        "line": {"dash": "dot", "color": TRUTH_COLOUR},
-    }
-    ticks = {
-        "tickvals": list(range(len(conditions))),
-        "ticktext": conditions,
-        "zeroline": False,
-        "autorange": "reversed",
-    }
-    x_axis: Figure = {"type": "log", "title": {"text": "ATE / ATE of the base (left of 1: better)"}}
-    x_axis |= {"tickvals": _RATIO_TICKS, "ticktext": [f"{v:g}" for v in _RATIO_TICKS]}
-    return {"data": traces, "layout": {"xaxis": x_axis, "yaxis": ticks, "shapes": [one]}}
+        x = np.concatenate([np.full(len(p.seeds), at[p.condition] + offset) for p in mine])
+        texts = [str(s) for p in mine for s in p.seeds]
+        marks = look | {"size": 5, "opacity": 0.5}
+        single = _points(arm, x, np.concatenate([np.exp(p.log_ratios) for p in mine]), marks, False)
+        traces.append(single | {"text": texts, "hovertemplate": "seed %{text}: × %{y:.3f}"})
+        medians = [(at[p.condition] + offset, np.exp(p.log_ratios)) for p in mine]
+        traces.append(_medians(arm, medians, look, joined=False))
+    one = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1}
+    one["line"] = {"dash": "dot", "color": TRUTH_COLOUR}
+    y_axis: Figure = {"type": "log", "title": {"text": "ATE / ATE of the base"}}
+    y_axis |= {"tickvals": _RATIO_TICKS, "ticktext": [f"{v:g}" for v in _RATIO_TICKS]}
+    x_axis = _conditions(at, axis, step)
+    return {"data": traces, "layout": {"xaxis": x_axis, "yaxis": y_axis, "shapes": [one]}}
 
 
 def paths(records: list[Record], arms: list[str]) -> Figure:
@@ -225,14 +223,25 @@ def _band(record: Record, name: str, axis: int, place: Figure, arms: list[str], 
     ]
 
 
-def _medians(arm: str, at: list[tuple[float, Floats]], look: Figure) -> Figure:
+def _medians(arm: str, at: list[tuple[float, Floats]], look: Figure, joined: bool) -> Figure:
     median = np.array([np.median(v) for _, v in at])
     bounds = [median_interval(v) or (m, m) for (_, v), m in zip(at, median, strict=True)]
-    up = np.array([high for _, high in bounds]) - median
-    down = median - np.array([low for low, _ in bounds])
+    with np.errstate(invalid="ignore"):  # the median of runs without a pose is infinite
+        up = np.array([high for _, high in bounds]) - median
+        down = median - np.array([low for low, _ in bounds])
     bars = {"type": "data", "symmetric": False, "array": _listed(up), "arrayminus": _listed(down)}
-    trace = _points(arm, np.array([c for c, _ in at]), median, look | {"size": 11}, True)
-    return trace | {"error_y": bars | {"color": look["color"], "thickness": 2.5}}
+    trace = _points(arm, np.array([c for c, _ in at]), median, look | {"size": 10}, True)
+    if joined:
+        trace |= {"mode": "lines+markers", "line": {"color": look["color"], "width": 1.5}}
+    return trace | {"error_y": bars | {"color": look["color"], "thickness": 2.0}}
+
+
+def _conditions(at: dict[str, float], axis: str, step: float) -> Figure:
+    """The axis of a regime, with a tick at each condition."""
+    ticks: Figure = {"tickvals": list(at.values()), "zeroline": False}
+    ticks["ticktext"] = [f"{x:g}" for x in at.values()] if axis else list(at)
+    ticks["range"] = [min(at.values()) - 0.6 * step, max(at.values()) + 0.6 * step]
+    return ticks | ({"title": {"text": axis}} if axis else {})
 
 
 def _points(arm: str, x: Floats, y: Floats, marker: Figure, shown: bool) -> Figure:

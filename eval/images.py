@@ -1,22 +1,25 @@
-"""Sample images of the rendered flight, small enough to stand in a page."""
+"""Sample images of recordings with images, small enough to stand in a page."""
 
 import base64
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
 from eval.errors import EvalError
 from eval.records import Record
-from eval.sources import RenderedFlight
+from eval.sources import Degraded, RenderedFlight, restored
 from navcore.errors import NavcoreError
+from sim.errors import SimError
 
 _WIDTH = 376
 _QUALITY = 80
-_AT_S = (8.0, 22.0)
-"""Seconds from the first frame; the degradations of the preset are on at the second one."""
+_AT_S = 22.0
+"""Seconds from the first frame; the degradations of the presets are on then."""
+_WITH_IMAGES = tuple(kind.__name__ for kind in (RenderedFlight, Degraded))
 
 
 @dataclass(frozen=True)
@@ -35,21 +38,25 @@ class Sample:
 
 
 def samples(records: Iterable[Record], workspace: Path) -> list[Sample]:
-    """Two pictures of every rendered condition, as long as its recording is still in the study's folder."""
-    found: dict[str, RenderedFlight] = {}
+    """A picture of every platform and condition with images, as long as its recording can still be had."""
+    found: dict[tuple[str, str, str], dict[str, Any]] = {}
     for record in records:
-        source = dict(record.config["source"])
-        if source.pop("kind") == RenderedFlight.__name__:
-            found.setdefault(str(record.config["condition"]), RenderedFlight(**source))
-    result = []
-    for condition, flight in found.items():
-        try:
-            frames = flight.load(workspace).frames
-            for t_s in _AT_S:
-                frame = min(frames, key=lambda f: abs((f.t_ns - frames[0].t_ns) * 1e-9 - t_s))
-                result.append(Sample(condition, t_s, _address(frame.images[0].load())))
-        except (EvalError, NavcoreError):
+        names = tuple(str(record.config[name]) for name in ("platform", "regime", "condition"))
+        if record.config["source"]["kind"] in _WITH_IMAGES:
+            found.setdefault((names[0], names[1], names[2]), record.config["source"])
+    result, shown = [], set()
+    for (platform, regime, condition), content in found.items():
+        source = restored(content)
+        if source in shown:
             continue
+        shown.add(source)
+        try:
+            frames = source.load(workspace).frames
+            frame = min(frames, key=lambda f: abs((f.t_ns - frames[0].t_ns) * 1e-9 - _AT_S))
+            picture = _address(frame.images[0].load())
+        except (EvalError, NavcoreError, SimError):
+            continue
+        result.append(Sample(f"{platform}, {regime}, {condition}", _AT_S, picture))
     return result
 
 

@@ -1,8 +1,9 @@
 """What there is of a study: the list of its cells in its folder, and their records."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from eval import records
 from eval.errors import StudyError
@@ -19,7 +20,7 @@ class Index:
         name, base: of the study.
         versions: what it is made with.
         seconds: wall clock of all the times that it was run to its end.
-        keys, titles: of all its cells.
+        keys, titles, configs: of all its cells; cells that share a result have the same key.
     """
 
     name: str
@@ -28,12 +29,13 @@ class Index:
     seconds: float
     keys: list[str]
     titles: list[str]
+    configs: list[dict[str, Any]]
 
     def write(self, workspace: Path) -> None:
         """Keep it in the study's folder, in place of an older one."""
         workspace.mkdir(parents=True, exist_ok=True)
         partial = workspace / f".{_NAME}.partial"
-        partial.write_text(json.dumps(asdict(self), indent=1))
+        partial.write_text(json.dumps(vars(self)))
         partial.replace(workspace / _NAME)
 
     @staticmethod
@@ -83,7 +85,8 @@ def load(workspace: Path, errors: tuple[str, ...] = ()) -> Outcome:
     index = Index.read(workspace)
     if index is None:
         raise StudyError(f"{workspace / _NAME}: no such file; expected a folder that a study was run in")
-    paths = [records.path_of(workspace, key) for key in index.keys]
-    missing = tuple(t for t, p in zip(index.titles, paths, strict=True) if not p.is_file())
-    found = tuple(records.read(p) for p in paths if p.is_file())
-    return Outcome(index, found, missing, errors)
+    found = {key: records.read(path) for key in index.keys if (path := records.path_of(workspace, key)).is_file()}
+    cells = list(zip(index.keys, index.titles, index.configs, strict=True))
+    missing = tuple(title for key, title, _ in cells if key not in found)
+    known = tuple(replace(found[key], title=title, config=config) for key, title, config in cells if key in found)
+    return Outcome(index, known, missing, errors)

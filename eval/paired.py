@@ -13,8 +13,8 @@ from eval.records import Record
 from navcore.arrays import Floats
 
 CONFIDENCE = 0.95
-GROUP = ["scene", "condition", "estimator"]
-_CELL = ["scene", "condition", "seed", "estimator", "arm"]
+GROUP = ["platform", "regime", "condition", "estimator"]
+_CELL = ["platform", "regime", "condition", "level", "axis", "seed", "estimator", "arm"]
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Paired:
     """An arm against the base, over the seeds of one group.
 
     Attributes:
-        scene, condition, estimator: the group.
+        platform, regime, condition, estimator: the group.
         arm, base: what is compared.
         seeds: those where both arms gave a result that did not diverge.
         log_ratios: (N,) ln(ATE of the arm / ATE of the base), both on the samples that both have.
@@ -32,7 +32,8 @@ class Paired:
         diverged, base_diverged, failed: runs that are left out of the ratio.
     """
 
-    scene: str
+    platform: str
+    regime: str
     condition: str
     estimator: str
     arm: str
@@ -47,9 +48,16 @@ class Paired:
     base_diverged: int
     failed: int
 
+    @property
+    def group(self) -> tuple[str, str, str, str]:
+        """Whose runs are compared."""
+        return self.platform, self.regime, self.condition, self.estimator
+
 
 def frame(records: Iterable[Record]) -> pd.DataFrame:
     """All records as a table: a row for each cell with its names, its failure and its scores.
+
+    A run without any pose has an infinite ATE, so that medians do not forget it.
 
     Raises:
         StudyError: two records are of the same cell.
@@ -59,6 +67,7 @@ def frame(records: Iterable[Record]) -> pd.DataFrame:
     for name in ("ate_m", "ate_deg", "diverged", "completeness"):
         if name not in table:
             table[name] = np.nan
+    table.loc[(table.diverged == 1.0) & table.ate_m.isna(), "ate_m"] = np.inf
     twice = table[table.duplicated(_CELL)]
     if len(twice):
         raise StudyError(f"two records of one cell: {dict(twice.iloc[0][_CELL])}")
@@ -123,7 +132,8 @@ def _compare(rows: pd.DataFrame, at_base: pd.DataFrame, base: str, by_key: dict[
     first = rows.iloc[0]
     failed = int(rows.failure.notna().sum() + at_base.failure.notna().sum())
     return Paired(
-        scene=first.scene,
+        platform=first.platform,
+        regime=first.regime,
         condition=first.condition,
         estimator=first.estimator,
         arm=first.arm,

@@ -3,61 +3,87 @@
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from eval.figures import GROUND_TRUTH, TRUTH_COLOUR, aligned_positions, bias_range, colour
+from eval.figures import GROUND_TRUTH, TRUTH_COLOUR, aligned_positions, bias_range, colour, places, spacing
 from eval.paired import Paired, frame, median_interval
 from eval.records import Record
 
 _DPI = 160
 
 
-def save_ates(records: list[Record], scene: str, arms: list[str], path: Path) -> None:
-    """ATE by condition and arm: every run, the median and its interval."""
+def save_ates(records: list[Record], arms: list[str], path: Path) -> None:
+    """ATE of a regime by condition and arm: every run (hollow: diverged), the median and its interval."""
+    at, axis = places(records)
+    step = spacing(at.values())
     table = frame(records)
-    table = table[(table.scene == scene) & table.ate_m.notna()]
-    conditions = list(table.condition.unique())
+    table = table[table.ate_m.notna()]
     present = [arm for arm in arms if (table.arm == arm).any()]
     figure = Figure(figsize=(6.4, 3.6), layout="constrained")
     axes = figure.subplots()
     for k, arm in enumerate(present):
-        for i, condition in enumerate(conditions):
-            ate = table[(table.arm == arm) & (table.condition == condition)].ate_m.to_numpy(dtype=np.float64)
+        offset, own = (k - 0.5 * (len(present) - 1)) * 0.7 * step / len(present), colour(arm, arms)
+        medians = []
+        for condition, x in at.items():
+            runs = table[(table.arm == arm) & (table.condition == condition)]
+            ate = runs.ate_m.to_numpy(dtype=np.float64)
             if len(ate) == 0:
                 continue
-            x = i + (k - 0.5 * (len(present) - 1)) * 0.8 / len(present)
-            axes.plot(np.full(len(ate), x), ate, ".", color=colour(arm, arms), alpha=0.4)
-            median = float(np.median(ate))
-            low, high = median_interval(ate) or (median, median)
-            axes.errorbar(
-                x, median, [[median - low], [high - median]], fmt="o", color=colour(arm, arms), capsize=3,
-                label=arm if i == 0 else None,
-            )  # fmt: skip
-    axes.set_xticks(range(len(conditions)), conditions)
-    axes.set(yscale="log", ylabel="ATE [m]", title=scene)
+            for diverged, face in ((False, own), (True, "none")):
+                single = ate[(runs.diverged == 1.0).to_numpy() == diverged]
+                axes.plot(np.full(len(single), x + offset), single, "o", ms=4, mfc=face, alpha=0.5, color=own)
+            medians.append((x + offset, float(np.median(ate)), median_interval(ate)))
+        _save_medians(axes, medians, arm, own, "-" if axis else "none")
+    _ticks(axes, at, axis)
+    axes.set(yscale="log", ylabel="ATE [m]")
     axes.grid(alpha=0.3)
-    axes.legend(frameon=False)
+    axes.legend(frameon=False, fontsize="small")
     _save(figure, path)
 
 
-def save_ratios(pairs: list[Paired], arms: list[str], path: Path) -> None:
-    """ATE over that of the base, seed by seed, the median and its interval."""
+def save_ratios(records: list[Record], pairs: list[Paired], arms: list[str], path: Path) -> None:
+    """ATE over that of the base in a regime, seed by seed, the median and its interval."""
+    at, axis = places(records)
+    step = spacing(at.values())
     shown = [p for p in pairs if len(p.seeds) > 1]
-    figure = Figure(figsize=(6.4, 0.8 + 0.45 * max(len(shown), 1)), layout="constrained")
+    present = [arm for arm in arms if any(p.arm == arm for p in shown)]
+    if not present:
+        return
+    figure = Figure(figsize=(6.4, 3.6), layout="constrained")
     axes = figure.subplots()
-    for row, p in enumerate(shown):
-        axes.plot(np.exp(p.log_ratios), np.full(len(p.seeds), row), ".", color=colour(p.arm, arms), alpha=0.4)
-        if p.median is not None:
-            low, high = p.low or p.median, p.high or p.median
-            error = [[p.median - low], [high - p.median]]
-            axes.errorbar(p.median, row, xerr=error, fmt="o", color=colour(p.arm, arms), capsize=3)
-    axes.axvline(1.0, color=TRUTH_COLOUR, linestyle=":")
-    axes.set_yticks(range(len(shown)), [f"{p.scene}, {p.condition}: {p.arm}" for p in shown])
-    axes.set(xscale="log", xlabel="ATE / ATE of the base (left of 1: better)")
-    axes.invert_yaxis()
+    for k, arm in enumerate(present):
+        offset, medians = (k - 0.5 * (len(present) - 1)) * 0.7 * step / len(present), []
+        for p in (p for p in shown if p.arm == arm):
+            x, ratio = at[p.condition] + offset, np.exp(p.log_ratios)
+            axes.plot(np.full(len(ratio), x), ratio, "o", ms=4, color=colour(arm, arms), alpha=0.5)
+            medians.append((x, float(np.median(ratio)), median_interval(ratio)))
+        _save_medians(axes, medians, arm, colour(arm, arms), "none")
+    axes.axhline(1.0, color=TRUTH_COLOUR, linestyle=":")
+    _ticks(axes, at, axis)
+    axes.set(yscale="log", ylabel="ATE / ATE of the base")
     axes.grid(alpha=0.3)
+    axes.legend(frameon=False, fontsize="small")
     _save(figure, path)
+
+
+def _save_medians(
+    axes: Axes, medians: list[tuple[float, float, tuple[float, float] | None]], arm: str, colour_of: str, line: str
+) -> None:
+    known = [(x, m, i) for x, m, i in medians if np.isfinite(m)]
+    spans = [i if i is not None and np.isfinite(i[1]) else (m, m) for _, m, i in known]
+    errors = [[m - low for (_, m, _), (low, _) in zip(known, spans, strict=True)]]
+    errors += [[high - m for (_, m, _), (_, high) in zip(known, spans, strict=True)]]
+    axes.errorbar(
+        [x for x, _, _ in known], [m for _, m, _ in known], errors, fmt="o", ls=line, color=colour_of, capsize=3,
+        label=arm,
+    )  # fmt: skip
+
+
+def _ticks(axes: Axes, at: dict[str, float], axis: str) -> None:
+    axes.set_xticks(list(at.values()), [f"{x:g}" for x in at.values()] if axis else list(at))
+    axes.set_xlabel(axis)
 
 
 def save_biases(records: list[Record], arms: list[str], path: Path) -> None:

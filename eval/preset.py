@@ -1,13 +1,16 @@
-"""Studies that are chosen beforehand: `sim`, the synthetic degradation study."""
+"""Studies that are chosen beforehand: `quick`, `standard` and `full`; docs/study.md says why these cells."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from eval.arms import BASE, Arm, write_device
-from eval.cells import Cell, Study
+from eval.cells import Cell, Source, Study
 from eval.errors import StudyError
-from eval.sources import PointsFlight, RenderedFlight
+from eval.regimes import OUTAGES_S, Condition, Regime, Setting, difficulties, graded, grades, outage, start_in_motion
+from eval.sources import rendered
+from sim.degrade.schedule import GRADED
+from sim.platforms import PLATFORMS
 
 _FIRST_DEVICE_SEED = 1001
 _DEVICE_RECORDINGS = 40
@@ -15,71 +18,155 @@ _OTHER_NOISE = 1
 
 
 @dataclass(frozen=True)
-class Condition:
-    """What is done to vision: its name, and the schedule as `sim.schedule` reads it."""
+class Block:
+    """A regime on some platforms, with tracks or with images.
 
-    name: str
-    degrade: str
+    Attributes:
+        regime: what is asked.
+        platforms: of whom.
+        images: rendered flights; otherwise points.
+        chance: the base runs a second time with other noise, to show what chance does; with points only.
+    """
 
-
-POINTS = (
-    Condition("clean", ""),
-    Condition("blackout 5 s", "blackout@25-30"),
-    Condition("blackout 10 s", "blackout@25-35"),
-)
-RENDERED = (
-    Condition("clean", ""),
-    Condition("low light", "low_light:4@15-30"),
-    Condition("motion blur", "motion_blur:4@15-30"),
-    Condition("blackout 5 s", "blackout@20-25"),
-)
-_SHORTEST_S = {"seconds": 50.0, "rendered_seconds": 35.0}
+    regime: Regime
+    platforms: tuple[str, ...] = ("quadrotor",)
+    images: bool = False
+    chance: bool = False
 
 
 @dataclass(frozen=True)
-class SimPreset:
-    """One rendered flight under every kind of degradation, and statistics over seeds in points mode."""
+class Preset:
+    """A study of flights that are simulated.
 
-    platform: str = "quadrotor"  # which body moves
-    seconds: float = 50.0  # length of the recordings in points mode
-    seeds: int = 6  # flights in points mode, seeds 1 to this; six is the fewest that give an interval
-    rendered_seconds: float = 35.0  # length of the rendered flight
-    rendered_seed: int = 1  # the flight that is rendered; 0 renders none
+    Attributes:
+        name: of the study.
+        blocks: what is asked of whom.
+        seeds: flights of a condition in points mode, seeds 1 to this; six are the fewest that give an interval.
+        rendered_seeds: the same for rendered ones; 0 renders none.
+    """
+
+    name: str
+    blocks: tuple[Block, ...]
+    seeds: int
+    rendered_seeds: int
 
     def study(self, workspace: Path) -> Study:
-        """The cells; the file of the arm `constant` is put in `workspace`.
+        """The cells; the files of the arm `constant` are put in `workspace`.
 
         Raises:
-            StudyError: no seeds, or more than are free of the device's own recordings; recordings so short
-                that the degradations do not fit.
+            StudyError: no seeds, or more than are free of the device's own recordings.
         """
-        if not 1 <= self.seeds < _FIRST_DEVICE_SEED or not 0 <= self.rendered_seed < _FIRST_DEVICE_SEED:
-            raise StudyError(f"seeds {self.seeds}, {self.rendered_seed}; allowed is up to {_FIRST_DEVICE_SEED - 1}")
-        for name, least in _SHORTEST_S.items():
-            if getattr(self, name) < least:
-                raise StudyError(f"{name} is {getattr(self, name)}; the degradations need at least {least}")
+        if not 1 <= self.seeds < _FIRST_DEVICE_SEED or not 0 <= self.rendered_seeds < _FIRST_DEVICE_SEED:
+            wrong = f"seeds {self.seeds}, rendered seeds {self.rendered_seeds}"
+            raise StudyError(f"{wrong}; allowed is up to {_FIRST_DEVICE_SEED - 1}, and 0 rendered ones")
         seeds = range(_FIRST_DEVICE_SEED, _FIRST_DEVICE_SEED + _DEVICE_RECORDINGS)
-        device = write_device(workspace, self.platform, seeds)
-        arms = (Arm(BASE, "none"), Arm("constant", f"constant:{device}"), Arm("truth", "truth"))
-        reseeded = Arm("none, reseeded", "none", noise_seed=_OTHER_NOISE)
-        cells = [*self._rendered(arms), *self._points((*arms, reseeded))]
-        return Study("Synthetic degradation study", tuple(cells), BASE)
+        settings = [c.setting for block in self.blocks for c in block.regime.conditions]
+        devices = {imu: write_device(workspace, imu, seeds) for imu in dict.fromkeys(s.imu for s in settings)}
+        cells = [cell for block in self.blocks for cell in self._cells(block, devices)]
+        return Study(self.name, tuple(cells), BASE)
 
-    def _rendered(self, arms: tuple[Arm, ...]) -> Iterator[Cell]:
-        if not self.rendered_seed:
-            return
-        for condition in RENDERED:
-            source = RenderedFlight.of(self.platform, self.rendered_seconds, self.rendered_seed, condition.degrade)
-            for arm in arms:
-                yield Cell(source, "rendered", condition.name, self.rendered_seed, arm.name, arm.prior)
-
-    def _points(self, arms: tuple[Arm, ...]) -> Iterator[Cell]:
-        for seed in range(1, self.seeds + 1):
-            for condition in POINTS:
-                source = PointsFlight(self.platform, self.seconds, seed, condition.degrade)
-                for arm in arms:
-                    yield Cell(arm.reseeded(source), "points", condition.name, seed, arm.name, arm.prior)
+    def _cells(self, block: Block, devices: dict[str, str]) -> Iterator[Cell]:
+        for platform in block.platforms:
+            for seed in range(1, (self.rendered_seeds if block.images else self.seeds) + 1):
+                for condition in block.regime.conditions:
+                    arms = _arms(devices[condition.setting.imu], block.chance)
+                    yield from _run(block, platform, seed, condition, arms)
 
 
-PRESETS = {"sim": SimPreset}
+def _run(block: Block, platform: str, seed: int, condition: Condition, arms: tuple[Arm, ...]) -> Iterator[Cell]:
+    setting, regime = condition.setting, block.regime
+    for arm in arms:
+        if block.images:
+            source: Source = rendered(setting.flight(platform, seed), setting.degrade)
+        else:
+            source = arm.reseeded(setting.points(platform, seed))
+        yield Cell(
+            source=source,
+            platform=f"{platform}, {'rendered' if block.images else 'points'}",
+            regime=regime.name,
+            condition=condition.name,
+            seed=seed,
+            arm=arm.name,
+            prior=arm.prior,
+            level=condition.level,
+            axis=regime.axis,
+        )
+
+
+def _arms(device: str, chance: bool) -> tuple[Arm, ...]:
+    told = (Arm(BASE, "none"), Arm("constant", f"constant:{device}"), Arm("truth", "truth"))
+    return (*told, Arm("none, reseeded", "none", noise_seed=_OTHER_NOISE)) if chance else told
+
+
+_ALL = tuple(PLATFORMS)
+_OTHERS = tuple(name for name in PLATFORMS if name != "quadrotor")
+_RENDERED = Setting(35.0)
+_EARLY = outage("outage, early", 10.0, base=Setting(60.0))
+_LATE = outage("outage, late", 50.0, base=Setting(90.0))
+_EASY = outage("still and straight, then an outage", 25.0, (0.0, 10.0, 20.0), Setting(difficulty="easy"))
+_WRONG = "moving_objects"
+_SMALL = Regime(
+    "vision gone bad",
+    (
+        Condition("clean", _RENDERED),
+        Condition("low light", replace(_RENDERED, degrade="low_light:4@15-30")),
+        Condition("motion blur", replace(_RENDERED, degrade="motion_blur:4@15-30")),
+        Condition("blackout 5 s", replace(_RENDERED, degrade="blackout@20-25")),
+    ),
+)
+
+QUICK = Preset(
+    "Degradations in brief",
+    (
+        Block(_SMALL, images=True),
+        Block(outage("outage", 25.0, (0.0, 5.0, 10.0, 20.0)), chance=True),
+        Block(start_in_motion((100, 25))),
+        Block(graded("wrong vision", _WRONG, (0, 3, 5))),
+        Block(outage("outage", 25.0, (0.0, 10.0)), _OTHERS),
+    ),
+    seeds=6,
+    rendered_seeds=1,
+)
+"""Minutes: statistics of one question for each regime, and a rendered flight to look at."""
+
+STANDARD = Preset(
+    "Degradations and priors",
+    (
+        Block(_SMALL, _ALL, images=True),
+        Block(graded("low light", "low_light", (0, 2, 3, 4), _RENDERED), images=True),
+        Block(graded("wrong vision", _WRONG, (0, 3, 5), _RENDERED), images=True),
+        Block(_EARLY, _ALL, chance=True),
+        Block(_LATE, _ALL, chance=True),
+        Block(start_in_motion(), _ALL, chance=True),
+        Block(graded("wrong vision", _WRONG), _ALL),
+        Block(_EASY, _ALL),
+        Block(grades(25.0, 10.0)),
+        Block(difficulties(25.0, 10.0)),
+        Block(graded("low light", "low_light")),
+        Block(graded("motion blur", "motion_blur")),
+    ),
+    seeds=8,
+    rendered_seeds=6,
+)
+"""Hours: every regime in which a bias prior can matter, on every platform."""
+
+FULL = Preset(
+    "Degradations and priors, in full",
+    (
+        *(Block(graded(kind.replace("_", " "), kind, base=_RENDERED), _ALL, images=True) for kind in GRADED),
+        Block(outage("outage", 12.0, OUTAGES_S[:-1], _RENDERED), _ALL, images=True),
+        Block(_EARLY, _ALL, chance=True),
+        Block(_LATE, _ALL, chance=True),
+        Block(start_in_motion(), _ALL, chance=True),
+        Block(_EASY, _ALL),
+        Block(grades(25.0, 10.0), _ALL),
+        Block(difficulties(25.0, 10.0), _ALL),
+        *(Block(graded(kind.replace("_", " "), kind), _ALL) for kind in GRADED),
+    ),
+    seeds=12,
+    rendered_seeds=6,
+)
+"""A day: every kind in all severities, on every platform, with images and without."""
+
+PRESETS = {"quick": QUICK, "standard": STANDARD, "full": FULL}
 """Presets by name."""

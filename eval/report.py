@@ -1,20 +1,35 @@
 """The report of a study: one page that needs no network, and pictures of its main figures beside it."""
 
 import json
+import re
+from collections.abc import Sequence as ListLike
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import jinja2
+import numpy as np
 from plotly.offline import get_plotlyjs
 
 from eval import figures, images, pngs
 from eval.outcome import Outcome
 from eval.paired import Paired, paired
 from eval.records import Record
-from eval.tables import consistency_table, failure_table, group_table, paired_table
+from eval.tables import Table, consistency_table, failure_table, group_table, overview_table, paired_table, percent
 
 _TEMPLATE = Path(__file__).with_name("report.html")
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """A regime of a platform, as the page shows it: its place there, its figures by kind, its tables."""
+
+    platform: str
+    regime: str
+    place: str
+    figures: dict[str, Any]
+    tables: list[Table]
 
 
 def write_report(outcome: Outcome, folder: Path) -> Path:
@@ -22,21 +37,34 @@ def write_report(outcome: Outcome, folder: Path) -> Path:
     records = [r for r in outcome.records if r.failure is None]
     pairs = paired(outcome.records, outcome.index.base)
     arms = figures.arms_of(outcome.records)
-    examples = _examples(records)
+    chapters, examples = _chapters(outcome.records, pairs, arms), _examples(records, outcome.index.base)
+    drawn = {f"{kind}-{c.place}": figure for c in chapters for kind, figure in c.figures.items()}
+    for k, group in enumerate(examples):
+        drawn |= {f"paths-{k}": figures.paths(group, arms), f"biases-{k}": figures.biases(group, arms)}
+        drawn[f"health-{k}"] = figures.health(group)
+    platforms: dict[str, list[Chapter]] = {}
+    for chapter in chapters:
+        platforms.setdefault(chapter.platform, []).append(chapter)
     failures = failure_table(outcome)
-    page = _environment().get_template(_TEMPLATE.name)
-    text = page.render(
-        name=outcome.index.name,
-        made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        facts=_facts(outcome),
-        headlines=headlines(pairs),
-        tables=[group_table(outcome.records), paired_table(pairs), consistency_table(records)],
-        failures=failures if failures.rows else None,
-        scenes=list(dict.fromkeys(str(r.config["scene"]) for r in records)),
-        examples=[_title(group) for group in examples],
-        samples=images.samples(records, folder),
-        plotly=get_plotlyjs(),
-        figures=json.dumps(_figures(records, pairs, arms, examples), allow_nan=False).replace("</", "<\\/"),
+    text = (
+        _environment()
+        .get_template(_TEMPLATE.name)
+        .render(
+            name=outcome.index.name,
+            made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+            facts=_facts(outcome),
+            headlines=headlines(pairs),
+            overview=overview_table(outcome.records, pairs, outcome.index.base),
+            consistency=consistency_table(records),
+            failures=failures if failures.rows else None,
+            platforms={
+                p: [c for c in chapters if c.platform == p] for p in dict.fromkeys(c.platform for c in chapters)
+            },
+            examples=[_title(group) for group in examples],
+            samples=images.samples(records, folder),
+            plotly=get_plotlyjs(),
+            figures=json.dumps(drawn, allow_nan=False).replace("</", "<\\/"),
+        )
     )
     path = folder / "report.html"
     partial = path.with_name(".report.html.partial")
@@ -47,64 +75,65 @@ def write_report(outcome: Outcome, folder: Path) -> Path:
 
 
 def headlines(pairs: list[Paired]) -> list[str]:
-    """What the study found, a sentence for each scene and condition with more than one seed."""
-    groups: dict[tuple[str, str, str], list[str]] = {}
-    for p in pairs:
-        if p.median is None or len(p.seeds) < 2:
+    """What the study found, a sentence for each arm."""
+    found = []
+    for arm in dict.fromkeys(p.arm for p in pairs):
+        known = [p for p in pairs if p.arm == arm and p.low is not None and p.high is not None]
+        if not known:
             continue
-        if p.low is None or p.high is None:
-            certain = f"{len(p.seeds)} seeds, too few for an interval"
-        else:
-            certain = f"{_change(p.low)} … {_change(p.high)}, {len(p.seeds)} seeds"
-        apart = f"; {p.diverged} diverged against {p.base_diverged}" if p.diverged or p.base_diverged else ""
-        found = f"{p.arm} {_change(p.median)} ({certain}{apart})"
-        groups.setdefault((p.scene, p.condition, p.base), []).append(found)
-    return [
-        f"{scene}, {condition}, ATE against {base}: {'; '.join(found)}."
-        for (scene, condition, base), found in groups.items()
-    ]
+        better = sum(p.high < 1.0 for p in known if p.high is not None)
+        worse = sum(p.low > 1.0 for p in known if p.low is not None)
+        middle = percent(float(np.median([p.median for p in known if p.median is not None])))
+        apart = sum(p.diverged for p in known), sum(p.base_diverged for p in known)
+        line = f"{arm}: ATE {middle} against {known[0].base} in the middle of {len(known)} conditions; with certainty"
+        line += f" better in {better}, worse in {worse}; {apart[0]} runs diverged against {apart[1]}."
+        found.append(line)
+    return found
 
 
-def _change(ratio: float) -> str:
-    """A ratio as a change in percent."""
-    percent = round(100.0 * (ratio - 1.0))
-    return f"{percent:+d} %".replace("-", "−") if percent else "±0 %"
+def _chapters(records: ListLike[Record], pairs: list[Paired], arms: list[str]) -> list[Chapter]:
+    """All regimes, in the order of the study."""
+    regimes: dict[tuple[str, str], list[Record]] = {}
+    for record in records:
+        regimes.setdefault((str(record.config["platform"]), str(record.config["regime"])), []).append(record)
+    chapters = []
+    for (platform, regime), group in regimes.items():
+        mine = [p for p in pairs if (p.platform, p.regime) == (platform, regime)]
+        good = [r for r in group if r.failure is None]
+        drawn: dict[str, Any] = {"ate": figures.ate_by_condition(good, arms)} if good else {}
+        ratios = figures.ratios(good, mine, arms)
+        drawn |= {"ratios": ratios} if ratios else {}
+        place = _slug(platform, regime)
+        chapters.append(Chapter(platform, regime, place, drawn, [group_table(group), paired_table(mine)]))
+    return chapters
 
 
-def _figures(
-    records: list[Record], pairs: list[Paired], arms: list[str], examples: list[list[Record]]
-) -> dict[str, Any]:
-    """All figures by the id of their place in the page."""
-    scenes = dict.fromkeys(str(r.config["scene"]) for r in records)
-    made = {f"ate-{k}": figures.ate_by_condition(records, scene, arms) for k, scene in enumerate(scenes)}
-    if any(len(p.seeds) > 1 for p in pairs):
-        made["ratios"] = figures.ratios(pairs, arms)
-    for k, group in enumerate(examples):
-        made[f"paths-{k}"] = figures.paths(group, arms)
-        made[f"biases-{k}"] = figures.biases(group, arms)
-        made[f"health-{k}"] = figures.health(group)
-    return made
-
-
-def _examples(records: list[Record]) -> list[list[Record]]:
-    """For every scene and condition the arms on the recording with the lowest seed: not chosen by result."""
-    lowest: dict[tuple[str, str], int] = {}
-    with_truth = [r for r in records if not r.series.empty and "true_b_g_x" in r.series]
-    for r in with_truth:
-        group = (r.config["scene"], r.config["condition"])
-        lowest[group] = min(r.config["seed"], lowest.get(group, r.config["seed"]))
-    groups: dict[tuple[str, str], list[Record]] = {group: [] for group in lowest}
-    for r in with_truth:
-        group = (r.config["scene"], r.config["condition"])
-        same_noise = r.config["source"].get("noise_seed") is None
-        if r.config["seed"] == lowest[group] and same_noise and "b_g_x" in r.series:
-            groups[group].append(r)
-    return [g for g in groups.values() if g]
+def _examples(records: list[Record], base: str) -> list[list[Record]]:
+    """Of every regime the first and the last condition, on the lowest seed, in all arms that share the base's
+    recording: not chosen by result."""
+    regimes: dict[tuple[str, str], dict[str, list[Record]]] = {}
+    for r in records:
+        if not r.series.empty and "true_b_g_x" in r.series and "b_g_x" in r.series:
+            conditions = regimes.setdefault((r.config["platform"], r.config["regime"]), {})
+            conditions.setdefault(r.config["condition"], []).append(r)
+    groups = []
+    for conditions in regimes.values():
+        for condition in dict.fromkeys((next(iter(conditions)), next(reversed(conditions)))):
+            lowest = min(r.config["seed"] for r in conditions[condition])
+            group = [r for r in conditions[condition] if r.config["seed"] == lowest]
+            shared = [r.config["source"] for r in group if r.config["arm"] == base] or [group[0].config["source"]]
+            groups.append([r for r in group if r.config["source"] == shared[0]])
+    return groups
 
 
 def _title(group: list[Record]) -> str:
     config = group[0].config
-    return f"{config['scene']}, {config['condition']}, seed {config['seed']}"
+    return f"{config['platform']}, {config['regime']}, {config['condition']}, {config['recording']}"
+
+
+def _slug(*names: str) -> str:
+    """A name for files and places in the page."""
+    return re.sub(r"[^a-z0-9]+", "-", " ".join(names).lower()).strip("-")
 
 
 def _facts(outcome: Outcome) -> list[tuple[str, str]]:
@@ -121,12 +150,16 @@ def _facts(outcome: Outcome) -> list[tuple[str, str]]:
 def _save_pngs(
     records: list[Record], pairs: list[Paired], arms: list[str], examples: list[list[Record]], folder: Path
 ) -> None:
-    for scene in dict.fromkeys(str(r.config["scene"]) for r in records):
-        pngs.save_ates(records, scene, arms, folder / f"ate-{scene}.png")
-    pngs.save_ratios(pairs, arms, folder / "ratios.png")
+    place = folder / "figures"
+    place.mkdir(exist_ok=True)
+    for platform, regime in dict.fromkeys((str(r.config["platform"]), str(r.config["regime"])) for r in records):
+        group = [r for r in records if (r.config["platform"], r.config["regime"]) == (platform, regime)]
+        mine = [p for p in pairs if (p.platform, p.regime) == (platform, regime)]
+        pngs.save_ates(group, arms, place / f"ate-{_slug(platform, regime)}.png")
+        pngs.save_ratios(group, mine, arms, place / f"ratios-{_slug(platform, regime)}.png")
     if examples:
-        pngs.save_biases(examples[0], arms, folder / "biases.png")
-        pngs.save_paths(examples[0], arms, folder / "paths.png")
+        pngs.save_biases(examples[0], arms, place / "biases.png")
+        pngs.save_paths(examples[0], arms, place / "paths.png")
 
 
 def _environment() -> jinja2.Environment:

@@ -1,18 +1,63 @@
-"""Where the recordings of a study come from: simulated points, simulated images, or a folder."""
+"""Where the recordings of a study come from: simulated points, simulated images, or a folder; degraded or not."""
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
-from eval.cells import code_digest
+from eval.cells import Cost, Source, code_digest, described
 from eval.errors import StudyError
 from navcore.readers import open_sequence
 from navcore.sequence import Sequence
+from sim.degrade import Schedule, degrade_sequence
 from sim.motion import Motion
+from sim.output import write_recording
 from sim.platforms import simulate_motion
-from sim.points import simulate_points
-from sim.record import record
+from sim.points import IMU_GRADE, simulate_points
+from sim.record import filmed
+
+FRAME_HZ = 20.0
+IMAGE_BYTES = 250_000
+"""Of a rendered image on disk, at most about."""
+Rendering = Callable[[int, int], None]
+"""Called with the number of images rendered and of all."""
+
+# CPU seconds on the machine of docs/study.md.
+_MOTION_S = 0.018  # a second of flight
+_POINTS_S = 0.006  # the same, its tracks
+_POINTS_RUN_S = 0.0035  # a frame
+_RENDER_S, _BLUR_S = 0.045, 0.09  # a frame
+_IMAGE_RUN_S = 0.010  # a frame, with its decoding
+_DEGRADE_S = 0.006  # a frame, at most
+
+
+@dataclass(frozen=True)
+class Flight:
+    """Which motion of which body in which world, and what feels it; as `sim.record.filmed` takes them."""
+
+    platform: str
+    seconds: float
+    seed: int
+    difficulty: str = "medium"
+    moving_start: bool = False
+    imu: str = IMU_GRADE
+    scene: str = "room"
+
+    @property
+    def frames(self) -> float:
+        """About how many."""
+        return self.seconds * FRAME_HZ
+
+    def motion(self) -> Motion:
+        """The motion; the last few are kept, as all degradations of a flight share it."""
+        return _motion(self.platform, self.seconds, self.seed, self.moving_start, self.difficulty)
+
+
+@lru_cache(maxsize=4)
+def _motion(platform: str, seconds: float, seed: int, moving_start: bool, difficulty: str) -> Motion:
+    return simulate_motion(platform, seconds, seed, moving_start, difficulty)
 
 
 @dataclass(frozen=True)
@@ -20,35 +65,47 @@ class PointsFlight:
     """A simulated recording with tracks instead of images, made when it is needed.
 
     Attributes:
-        platform, seconds, seed: which motion in which world.
-        degrade: what happens to vision, as `sim.schedule` reads it.
+        flight: which.
+        degrade: what happens to vision, as `Schedule.parse` reads it.
         noise_seed: another draw of IMU and vision over the same motion and world.
         pixel_noise: px, sd per axis.
+        max_features: in an image.
     """
 
-    platform: str
-    seconds: float
-    seed: int
+    flight: Flight
     degrade: str = ""
     noise_seed: int | None = None
     pixel_noise: float = 1.0
+    max_features: int = 150
+
+    @property
+    def name(self) -> str:
+        """The flight's seed."""
+        return f"seed {self.flight.seed}"
+
+    @property
+    def cost(self) -> Cost:
+        """The motion is simulated once in a few times."""
+        flight = self.flight
+        return Cost(0.0, (_MOTION_S / 2.0 + _POINTS_S) * flight.seconds, _POINTS_RUN_S * flight.frames)
 
     def load(self, workspace: Path) -> Sequence:
-        """Simulate it; the motion of the last seed is kept, as its degradations share it."""
+        """Simulate it."""
+        flight = self.flight
         return simulate_points(
-            self.platform,
-            self.seconds,
-            self.seed,
+            flight.platform,
+            flight.seconds,
+            flight.seed,
             pixel_noise=self.pixel_noise,
+            max_features=self.max_features,
+            moving_start=flight.moving_start,
+            difficulty=flight.difficulty,
+            imu=flight.imu,
+            scene=flight.scene,
             degrade=self.degrade,
-            motion=_motion(self.platform, self.seconds, self.seed),
+            motion=flight.motion(),
             noise_seed=self.noise_seed,
         )
-
-
-@lru_cache(maxsize=1)
-def _motion(platform: str, seconds: float, seed: int) -> Motion:
-    return simulate_motion(platform, seconds, seed)
 
 
 @dataclass(frozen=True)
@@ -56,31 +113,52 @@ class RenderedFlight:
     """A simulated recording with images, kept in the study's folder.
 
     Attributes:
-        platform, seconds, seed, degrade: as in `PointsFlight`.
+        flight: which.
+        degrade: what is done inside the camera; the rest is `Degraded`'s.
         simulator: hash of the code that renders it; images of another simulator are other images.
     """
 
-    platform: str
-    seconds: float
-    seed: int
+    flight: Flight
     degrade: str
     simulator: str
 
     @staticmethod
-    def of(platform: str, seconds: float, seed: int, degrade: str = "") -> "RenderedFlight":
+    def of(flight: Flight, degrade: str = "") -> "RenderedFlight":
         """A flight in the simulator as it is now."""
-        return RenderedFlight(platform, seconds, seed, degrade, code_digest(("navcore", "sim")))
+        return RenderedFlight(flight, degrade, _simulator())
+
+    @property
+    def name(self) -> str:
+        """The flight's seed."""
+        return f"seed {self.flight.seed}"
+
+    @property
+    def cost(self) -> Cost:
+        """Rendering takes most."""
+        frames = self.flight.frames
+        blurred = sum(d.end_s - d.start_s for d in Schedule.parse(self.degrade).degradations) * FRAME_HZ
+        return Cost(_RENDER_S * frames + (_BLUR_S - _RENDER_S) * blurred, 0.2, _IMAGE_RUN_S * frames)
 
     def folder(self, workspace: Path) -> Path:
         """Where it is kept, by what it is."""
-        what = hashlib.sha256(repr(self).encode()).hexdigest()[:8]
-        return workspace / "recordings" / f"{self.platform}-seed{self.seed}-{what}"
+        return workspace / "recordings" / f"{self.flight.platform}-seed{self.flight.seed}-{_digest(self)}"
 
-    def make(self, workspace: Path) -> None:
+    def make(self, workspace: Path, progress: Rendering | None = None) -> None:
         """Render it, unless it is there; the folder appears whole or not at all."""
         folder = self.folder(workspace)
         if not folder.is_dir():
-            record(self.platform, self.seconds, self.seed, folder, degrade=self.degrade)
+            flight = self.flight
+            with filmed(
+                flight.platform,
+                flight.seconds,
+                flight.seed,
+                degrade=self.degrade,
+                moving_start=flight.moving_start,
+                difficulty=flight.difficulty,
+                imu=flight.imu,
+                scene=flight.scene,
+            ) as sequence:
+                write_recording(sequence, folder, progress=progress)
 
     def load(self, workspace: Path) -> Sequence:
         """Read it.
@@ -94,12 +172,102 @@ class RenderedFlight:
         return open_sequence(folder)
 
 
+@lru_cache(maxsize=1)
+def _simulator() -> str:
+    """A hash of the code that this process renders with."""
+    return code_digest(("navcore", "sim"))
+
+
 @dataclass(frozen=True)
 class Recording:
-    """A recording in a folder, as `navcore.readers` knows it; its name in the study is its path."""
+    """A recording in a folder, as `navcore.readers` knows it.
+
+    Attributes:
+        path: of the folder.
+        frames: how many it has, for what it costs.
+    """
 
     path: str
+    frames: int
+
+    @staticmethod
+    def at(path: Path) -> "Recording":
+        """The one in a folder."""
+        return Recording(str(path), len(open_sequence(path).frames))
+
+    @property
+    def name(self) -> str:
+        """The folder's name."""
+        path = Path(self.path)
+        return path.parent.name if path.name == "mav0" else path.name
+
+    @property
+    def cost(self) -> Cost:
+        """It is there already."""
+        return Cost(0.0, 0.5, _IMAGE_RUN_S * self.frames)
 
     def load(self, workspace: Path) -> Sequence:
         """Read it."""
         return open_sequence(Path(self.path))
+
+
+@dataclass(frozen=True)
+class Degraded:
+    """The images of another source, degraded when they are loaded; nothing is kept twice.
+
+    Attributes:
+        clean: the source.
+        degrade: what is done to its images, as `Schedule.parse` reads it.
+        seed: of all that is random about it.
+    """
+
+    clean: "RenderedFlight | Recording"
+    degrade: str
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """The clean recording's."""
+        return self.clean.name
+
+    @property
+    def cost(self) -> Cost:
+        """That of the clean one, and the degrading."""
+        clean = self.clean.cost
+        return replace(clean, run_s=clean.run_s * (1.0 + _DEGRADE_S / _IMAGE_RUN_S))
+
+    def load(self, workspace: Path) -> Sequence:
+        """Read it and wrap its images."""
+        return degrade_sequence(self.clean.load(workspace), Schedule.parse(self.degrade), self.seed)
+
+
+def rendered(flight: Flight, degrade: str) -> RenderedFlight | Degraded:
+    """A flight with images: what happens inside the camera is rendered, the rest is done to its images."""
+    schedule = Schedule.parse(degrade)
+    film = RenderedFlight.of(flight, str(schedule.in_camera))
+    after = str(schedule.after_camera)
+    return Degraded(film, after, flight.seed) if after else film
+
+
+def to_render(source: Source) -> RenderedFlight | None:
+    """What has to be rendered before a source can be loaded, None if nothing."""
+    inner = source.clean if isinstance(source, Degraded) else source
+    return inner if isinstance(inner, RenderedFlight) else None
+
+
+def restored(content: Mapping[str, Any]) -> Any:
+    """The source that `eval.cells.described` described.
+
+    Raises:
+        StudyError: it is of a kind that is not from here.
+    """
+    kinds = {kind.__name__: kind for kind in (Flight, PointsFlight, RenderedFlight, Recording, Degraded)}
+    parts = dict(content)
+    kind = str(parts.pop("kind"))
+    if kind not in kinds:
+        raise StudyError(f"source {kind!r} is unknown; known are {', '.join(kinds)}")
+    return kinds[kind](**{k: restored(v) if isinstance(v, dict) else v for k, v in parts.items()})
+
+
+def _digest(source: Any) -> str:
+    return hashlib.sha256(repr(described(source)).encode()).hexdigest()[:8]

@@ -2,25 +2,31 @@
 
 import logging
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from time import time
 from typing import Any
+from uuid import uuid4
 
-from distributed import Client, LocalCluster, as_completed
+from distributed import Client, LocalCluster, as_completed, get_worker
 from distributed.client import Future
 
-from eval import records
-from eval.cells import Cell, Study, versions
+from eval.cells import Cell, Source, Study, versions
 from eval.errors import StudyError
 from eval.outcome import Index, Outcome, load
-from eval.sources import RenderedFlight
+from eval.progress import Ledger, Progress
+from eval.sources import IMAGE_BYTES, RenderedFlight, to_render
 from eval.work import run_cells
 
-_ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+_LOCAL = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "LP_NUM_THREADS"), "1")
+"""One thread for each worker, in linear algebra and in the software renderer."""
+_READY, _RENDER, _POINTS = 2, 1, 0  # what goes first: images that are there, images that take long, the rest
+_EVERY = 20  # images between two messages of a rendering
 
 
 def run_study(
@@ -29,7 +35,7 @@ def run_study(
     *,
     scheduler: str | None = None,
     workers: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> Outcome:
     """Run what has no record yet.
 
@@ -38,27 +44,25 @@ def run_study(
         workspace: its folder; with a scheduler elsewhere it must be the same folder for all workers.
         scheduler: address of a Dask scheduler; without one, a cluster of local processes is started.
         workers: how many of those; as many as there are cores by default.
-        progress: gets the number of cells that are done, and of all.
+        progress: is told how far it is, before the first cell too.
 
     Raises:
-        StudyError: two cells of the study are the same, or there is no scheduler at that address.
+        StudyError: two cells of the study are the same, there is no scheduler at that address, or too little
+            room for the images.
     """
     begun = time()
     workspace = workspace.resolve()
     index = _plan(study, workspace)
     index.write(workspace)
-    named = zip(study.cells, index.keys, strict=True)
-    todo = [cell for cell, key in named if not records.path_of(workspace, key).is_file()]
-    done = len(study.cells) - len(todo)
-    report = progress or (lambda done, count: None)
-    report(done, len(study.cells))
+    ledger = Ledger(study.cells, index.keys, workspace, progress)
+    _check_room(ledger.films, workspace)
     errors = []
-    if todo:
+    if ledger.batches:
         with _client(scheduler, workers) as client:
-            for count, error in _finished(client, todo, index.versions, workspace):
-                done += count
-                errors += [error] if error else []
-                report(done, len(study.cells))
+            ledger.start(sum(w["nthreads"] for w in client.scheduler_info(n_workers=-1)["workers"].values()))
+            errors = list(_run(client, ledger, index.versions, workspace))
+    else:
+        ledger.start(0)
     replace(index, seconds=index.seconds + time() - begun).write(workspace)
     return load(workspace, tuple(errors))
 
@@ -66,43 +70,75 @@ def run_study(
 def _plan(study: Study, workspace: Path) -> Index:
     """The list of the study's cells; the time is that of an earlier run of the same cells."""
     made_with = versions(tuple(sorted({c.estimator for c in study.cells})))
+    names: set[tuple[Any, ...]] = set()
+    for cell in study.cells:
+        name = (cell.platform, cell.regime, cell.condition, cell.seed, cell.estimator, cell.arm)
+        if name in names:
+            raise StudyError(f"cell '{cell.title}' is in the study twice")
+        names.add(name)
     keys = [c.key(made_with) for c in study.cells]
-    if len(set(keys)) != len(keys):
-        twice = next(c for c, key in zip(study.cells, keys, strict=True) if keys.count(key) > 1)
-        raise StudyError(f"cell '{twice.title}' is in the study twice")
     earlier = Index.read(workspace)
     seconds = earlier.seconds if earlier is not None and earlier.keys == keys else 0.0
-    return Index(study.name, study.base, made_with, seconds, keys, [c.title for c in study.cells])
+    titles, configs = [c.title for c in study.cells], [c.config for c in study.cells]
+    return Index(study.name, study.base, made_with, seconds, keys, titles, configs)
 
 
-def _finished(
-    client: Client, cells: list[Cell], made_with: dict[str, str], workspace: Path
-) -> Iterator[tuple[int, str | None]]:
-    """Number of cells done, or the error, as batches end; the cells of a batch share their recording."""
-    batches: dict[Any, list[Cell]] = {}
-    for cell in cells:
-        batches.setdefault(cell.source, []).append(cell)
-    rendered = {
-        source: client.submit(source.make, workspace, pure=False)
-        for source in batches
-        if isinstance(source, RenderedFlight)
+def _run(client: Client, ledger: Ledger, made_with: dict[str, str], workspace: Path) -> Iterator[str]:
+    """Run all that is to do; gives what goes wrong outside a cell."""
+    topic = f"study-{uuid4()}"
+    client.subscribe_topic(topic, lambda event: ledger.rendered(*event[1]))
+    made = {
+        film: client.submit(_render, film, workspace, topic, number, pure=False, priority=_RENDER)
+        for number, film in enumerate(ledger.films)
     }
-    futures: dict[Future, list[Cell]] = {}
-    for source, batch in batches.items():
-        made = rendered.get(source)
-        futures[client.submit(_batch, batch, made_with, workspace, made, pure=False)] = batch
+    futures: dict[Future, Source] = {}
+    for source, batch in ledger.batches.items():
+        film, cells = to_render(source), [cell for _, cell in batch]
+        first = _POINTS if film is None else _READY
+        after = made.get(film) if film is not None else None
+        futures[client.submit(_batch, cells, made_with, workspace, after, pure=False, priority=first)] = source
     for future in as_completed(futures):
-        batch = futures[future]
+        source = futures[future]
         try:
             future.result()
-            yield len(batch), None
         except (Exception, CancelledError) as error:
-            yield 0, f"{len(batch)} cells, the first '{batch[0].title}': {type(error).__name__}: {error}"
+            batch = ledger.batches[source]
+            yield f"{len(batch)} cells, the first '{batch[0][1].title}': {type(error).__name__}: {error}"
+        ledger.finished(source)
 
 
-def _batch(cells: list[Cell], made_with: dict[str, str], workspace: Path, made: None) -> list[str]:
-    """Run on a worker; `made` only says that the recording is there."""
-    return run_cells(cells, made_with, workspace)
+def _render(film: RenderedFlight, workspace: Path, topic: str, name: int) -> None:
+    """Run on a worker: render a flight, and tell how far it is."""
+    worker = get_worker()
+
+    def tell(done: int, total: int) -> None:
+        if done % _EVERY == 0 or done == total:
+            worker.log_event(topic, (name, done, total))
+
+    film.make(workspace, tell)
+
+
+def _batch(cells: list[Cell], made_with: dict[str, str], workspace: Path, made: None) -> None:
+    """Run on a worker: cells that share a recording; `made` only says that it is there."""
+    here = _versions_here(tuple(sorted({c.estimator for c in cells})))
+    other = [f"{name} {here.get(name)} instead of {is_}" for name, is_ in made_with.items() if here.get(name) != is_]
+    if other:
+        raise StudyError(f"a worker runs other versions than the study: {', '.join(other)}")
+    run_cells(cells, made_with, workspace)
+
+
+@lru_cache
+def _versions_here(estimators: tuple[str, ...]) -> dict[str, str]:
+    """What this worker runs, as it was when it ran its first cell."""
+    return versions(estimators)
+
+
+def _check_room(films: list[RenderedFlight], workspace: Path) -> None:
+    needed = sum(IMAGE_BYTES * film.flight.frames for film in films)
+    free = shutil.disk_usage(workspace).free
+    if needed > free:
+        what = f"the images of {len(films)} flights take about {needed * 1e-9:.1f} GB"
+        raise StudyError(f"{workspace}: {what}, and {free * 1e-9:.1f} GB are free")
 
 
 @contextmanager
@@ -113,12 +149,14 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[Client]:
         except (OSError, ValueError) as error:
             raise StudyError(f"no Dask scheduler at {scheduler!r}: {error}") from error
         with client:
+            if not client.scheduler_info()["workers"]:
+                raise StudyError(f"the Dask scheduler at {scheduler!r} has no workers")
             yield client
         return
     count = workers or len(os.sched_getaffinity(0))
     options = {"n_workers": count, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
     with (
-        LocalCluster(**options, env=_ONE_THREAD, silence_logs=logging.ERROR) as cluster,
+        LocalCluster(**options, env=_LOCAL, silence_logs=logging.ERROR) as cluster,
         Client(cluster) as client,
     ):
         yield client

@@ -42,32 +42,71 @@ def score_table(scores: dict[str, float], title: str) -> Table:
     return Table(title, ("measure", "value"), rows)
 
 
+def overview_table(records: Iterable[Record], pairs: Iterable[Paired], base: str) -> Table:
+    """A row for each condition: how well the base does, and what every other arm changes."""
+    table, by_group = frame(records), {(*p.group, p.arm): p for p in pairs}
+    arms = [arm for arm in table.arm.unique() if arm != base]
+    rows = []
+    for names, group in table.groupby(GROUP, sort=False):
+        mine = group[group.arm == base]
+        compared = [by_group.get((*(str(n) for n in names), arm)) for arm in arms]
+        rows.append(
+            (
+                *(str(name) for name in names[:3]),
+                str(len(mine)),
+                _median(mine, "ate_m", ".3f"),
+                str((mine.diverged == 1.0).sum() or _NOTHING),
+                *(change_of(p) if p is not None else _NOTHING for p in compared),
+            )
+        )
+    columns = ("platform", "regime", "condition", "runs", f"ATE of {base} [m]", "diverged", *arms)
+    return Table(f"Change of ATE against {base}: median (95 % interval)", columns, tuple(rows), labels=3)
+
+
+def change_of(pair: Paired) -> str:
+    """What an arm changes, in words: the median, its interval, and what had to be left out."""
+    if pair.median is None:
+        found = _NOTHING
+    elif pair.low is None or pair.high is None:
+        found = f"{percent(pair.median)} ({len(pair.seeds)})"
+    else:
+        found = f"{percent(pair.median)} ({percent(pair.low)} … {percent(pair.high)})"
+    apart = f"; {pair.diverged} diverged" if pair.diverged else ""
+    return f"{found}{apart}"
+
+
+def percent(ratio: float) -> str:
+    """A ratio as a change in percent."""
+    change = round(100.0 * (ratio - 1.0))
+    return f"{change:+d} %".replace("-", "−") if change else "±0 %"
+
+
 def group_table(records: Iterable[Record]) -> Table:
-    """A row for each scene, condition and arm: medians over seeds, with the range of ATE."""
+    """A row for each condition and arm: medians over the runs, with the range of ATE."""
     columns = (
-        *("scene", "condition", "arm", "runs", "failed", "diverged", "complete"),
+        *("condition", "arm", "runs", "failed", "diverged", "complete"),
         *("ATE [m]", "min … max", "ATE [°]", "8 m RPE [m]", "b_g end [rad/s]", "b_a end [m/s²]"),
     )
     rows = []
     for names, group in frame(records).groupby([*GROUP, "arm"], sort=False):
         ate = group["ate_m"].dropna()
-        spread = f"{ate.min():.3f} … {ate.max():.3f}" if len(ate) > 1 else _NOTHING
+        spread = f"{_number(ate.min(), '.3f')} … {_number(ate.max(), '.3f')}" if len(ate) > 1 else _NOTHING
         rows.append(
             (
-                *(str(names[0]), str(names[1]), str(names[3])),
+                *(str(names[2]), str(names[4])),
                 *(str(len(group)), str(group.failure.notna().sum()), f"{(group.diverged == 1.0).sum()}"),
                 *(_median(group, "completeness", ".1%"), _median(group, "ate_m", ".4f"), spread),
                 *(_median(group, "ate_deg", ".3f"), _median(group, "rpe_8m_m", ".4f")),
                 *(_median(group, "b_g_end", ".2e"), _median(group, "b_a_end", ".4f")),
             )
         )
-    return Table("Scores: medians over the runs of a row", columns, tuple(rows), labels=3)
+    return Table("Scores: medians over the runs of a row, those that diverged among them", columns, tuple(rows), 2)
 
 
 def paired_table(pairs: Iterable[Paired]) -> Table:
     """A row for each comparison that has more than one seed."""
     columns = (
-        *("scene", "condition", "arm / base", "pairs", "ATE ratio, median", "95 % interval", "p"),
+        *("condition", "arm / base", "pairs", "ATE ratio, median", "95 % interval", "p"),
         *("share of truth's gain", "diverged", "base diverged", "failed"),
     )
     pairs = list(pairs)
@@ -79,16 +118,16 @@ def paired_table(pairs: Iterable[Paired]) -> Table:
         median = f"{p.median:.3f}" if p.median is not None else _NOTHING
         chance = f"{p.p_value:.2g}" if p.p_value is not None else _NOTHING
         counts = (str(p.diverged), str(p.base_diverged), str(p.failed))
-        label = (p.scene, p.condition, f"{p.arm} / {p.base}")
+        label = (p.condition, f"{p.arm} / {p.base}")
         rows.append((*label, str(len(p.seeds)), median, interval, chance, _share(p, pairs), *counts))
-    return Table("ATE of each arm over that of the base, seed by seed", columns, tuple(rows), labels=3)
+    return Table("ATE of each arm over that of the base, seed by seed", columns, tuple(rows), labels=2)
 
 
 def consistency_table(records: Iterable[Record]) -> Table:
-    """A row for each scene, condition and arm whose runs all have NEES: means by block, and the judgement."""
-    groups: dict[tuple[str, str, str], list[Record]] = {}
+    """A row for each condition and arm whose runs all have NEES: means by block, and the judgement."""
+    groups: dict[tuple[str, ...], list[Record]] = {}
     for record in records:
-        names = (record.config["scene"], record.config["condition"], record.config["arm"])
+        names = tuple(str(record.config[name]) for name in ("platform", "regime", "condition", "arm"))
         groups.setdefault(names, []).append(record)
     rows = []
     for names, group in groups.items():
@@ -101,8 +140,8 @@ def consistency_table(records: Iterable[Record]) -> Table:
         wrong = dict.fromkeys(reason.split(":")[0] for reason in result.reasons)
         verdict = "consistent" if result.passed else f"not: {', '.join(wrong)}"
         rows.append((*names, str(len(known)), *means, verdict))
-    columns = ("scene", "condition", "arm", "runs", *BLOCKS, "judgement")
-    return Table("NEES by degree of freedom: means over runs and time", columns, tuple(rows), labels=3)
+    columns = ("platform", "regime", "condition", "arm", "runs", *BLOCKS, "judgement")
+    return Table("NEES by degree of freedom: means over runs and time", columns, tuple(rows), labels=4)
 
 
 def failure_table(outcome: Outcome) -> Table:
@@ -128,7 +167,7 @@ def _share(pair: Paired, pairs: list[Paired]) -> str:
     if pair.low is None or pair.high is None or pair.low <= 1.0 <= pair.high:
         return _NOTHING
     for other in pairs:
-        same = (other.scene, other.condition, other.estimator) == (pair.scene, pair.condition, pair.estimator)
+        same = other.group == pair.group
         certain = other.arm == "truth" and other.high is not None and other.high < 1.0
         if same and certain and other is not pair and pair.median is not None and other.median is not None:
             return f"{np.log(pair.median) / np.log(other.median):.0%}"
@@ -137,4 +176,8 @@ def _share(pair: Paired, pairs: list[Paired]) -> str:
 
 def _median(group: pd.DataFrame, name: str, form: str) -> str:
     values = group[name].dropna() if name in group else pd.Series(dtype=np.float64)
-    return format(float(values.median()), form) if len(values) else _NOTHING
+    return _number(float(values.median()), form) if len(values) else _NOTHING
+
+
+def _number(value: float, form: str) -> str:
+    return format(value, form) if np.isfinite(value) else "∞"

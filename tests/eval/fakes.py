@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from eval.cells import Cost
 from navcore import so3
 from navcore.calibration import Calibration
 from navcore.imu import ImuNoise, ImuSamples
@@ -27,6 +28,14 @@ class FakeFlight:
 
     seed: int
     seconds: float = 20.0
+
+    @property
+    def name(self) -> str:
+        return f"fake {self.seed}"
+
+    @property
+    def cost(self) -> Cost:
+        return Cost(0.0, 0.1, 0.2)
 
     def load(self, workspace: Path) -> Sequence:
         truth = flight(np.random.default_rng(self.seed), self.seconds)

@@ -44,7 +44,7 @@ def test_the_constant_arm_knows_only_other_recordings(planned):
     device = load_prior(f"constant:{file}").device()
     assert device is not None
     imu = GRADES["adis16448"]
-    expected = np.repeat([imu.gyroscope_turn_on, imu.accelerometer_turn_on], 3)
+    expected = np.repeat([imu.gyroscope.turn_on, imu.accelerometer.turn_on], 3)
     np.testing.assert_allclose(np.sqrt(np.diag(device.covariance)), expected, rtol=0.4)
     assert np.all(np.abs(device.vector) < 4.0 * expected / np.sqrt(40))
     truths = [PointsFlight("quadrotor", 1.0, seed).load(folder).truth for seed in range(1001, 1041)]

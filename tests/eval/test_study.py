@@ -22,23 +22,31 @@ MADE_WITH = {"code": "1"}
 
 
 def cell(seed=1, arm="none", **overrides):
-    return Cell(FakeFlight(seed), "fake", "clean", seed, arm, "none", FAKE, tuple(sorted(overrides.items())))
+    settings = tuple(sorted(overrides.items()))
+    return Cell(FakeFlight(seed), "fake", "tests", "clean", seed, arm, estimator=FAKE, overrides=settings)
 
 
-def test_a_cell_is_named_by_everything_that_decides_it():
+def test_a_result_is_named_by_everything_that_decides_it():
     one = cell()
-    others = [
-        cell(seed=2),
-        cell(arm="x"),
-        cell(scale=2.0),
-        replace(one, prior="truth"),
-        replace(one, condition="dark"),
-    ]
+    others = [cell(seed=2), cell(scale=2.0), replace(one, prior="truth"), replace(one, estimator="msckf")]
     keys = [c.key(MADE_WITH) for c in (one, *others)] + [one.key({"code": "2"})]
     assert len(set(keys)) == len(keys)
     assert cell().key(MADE_WITH) == one.key(MADE_WITH)
+    assert replace(one, regime="other", condition="dark", level=2.0, axis="x").key(MADE_WITH) == one.key(MADE_WITH)
     with pytest.raises(StudyError, match="cannot be named"):
         cell(scale=np.zeros(3)).key(MADE_WITH)
+
+
+def test_cells_that_ask_the_same_share_a_result_and_keep_their_names(tmp_path):
+    cells = (cell(), replace(cell(), regime="other", condition="level 2", level=2.0, axis="x"), cell(2))
+    seen = []
+    outcome = run_study(Study("shared", cells), tmp_path, workers=1, progress=seen.append)
+    assert len(list((tmp_path / "cells").iterdir())) == 2
+    assert [r.config["regime"] for r in outcome.records] == ["tests", "other", "tests"]
+    assert outcome.records[1].config["level"] == 2.0 and "level 2" in outcome.records[1].title
+    assert outcome.records[0].key == outcome.records[1].key != outcome.records[2].key
+    assert (seen[0].cells, seen[-1].cells, seen[-1].all_cells) == (0, 3, 3)
+    assert seen[-1].cost_s == pytest.approx(seen[-1].all_cost_s) == pytest.approx(2 * 0.1 + 2 * 0.2)
 
 
 def test_versions_change_with_the_code(tmp_path, monkeypatch):
@@ -57,6 +65,7 @@ def test_a_record_comes_back_as_it_was_written(tmp_path):
     found = records.read(records.path_of(tmp_path, key))
     assert found.failure is None
     assert found.config == json.loads(json.dumps(cell().config))
+    assert found.config["source"] == {"kind": "FakeFlight", "seed": 1, "seconds": 20.0}
     assert found.versions == MADE_WITH
     assert found.scores["completeness"] == 1.0
     assert found.scores["ate_m"] == pytest.approx(0.1 * np.sqrt(3.0), rel=0.1)
@@ -133,14 +142,14 @@ def test_unknown_estimators_are_named():
 
 
 def test_a_study_runs_once_and_only_once(tmp_path):
-    study = Study("tiny", tuple(cell(seed, arm) for seed in (1, 2) for arm in ("none", "other")))
+    study = Study("tiny", tuple(cell(seed, arm, draw=len(arm)) for seed in (1, 2) for arm in ("none", "other")))
     seen = []
-    first = run_study(study, tmp_path, workers=1, progress=lambda done, all_: seen.append((done, all_)))
+    first = run_study(study, tmp_path, workers=1, progress=lambda now: seen.append((now.cells, now.all_cells)))
     assert len(first.records) == 4 and not first.missing and not first.failures and not first.errors
     assert seen[0] == (0, 4) and seen[-1] == (4, 4)
     stamps = {p: p.stat().st_mtime_ns for p in (tmp_path / "cells").iterdir()}
     seen.clear()
-    again = run_study(study, tmp_path, workers=1, progress=lambda done, all_: seen.append((done, all_)))
+    again = run_study(study, tmp_path, workers=1, progress=lambda now: seen.append((now.cells, now.all_cells)))
     assert seen == [(4, 4)]
     assert {p: p.stat().st_mtime_ns for p in (tmp_path / "cells").iterdir()} == stamps
     assert [r.key for r in again.records] == [r.key for r in first.records]
