@@ -147,6 +147,7 @@ class PinholeRadtan(Camera):
         return unit
 
     def unfolded(self, p_CF: Vectors) -> Mask:
+        """Whether points are in front of the camera, and inside the radius at which the distortion turns back."""
         in_front = p_CF[..., 2] > _MIN_DEPTH
         z = np.where(in_front, p_CF[..., 2], 1.0)
         r2 = np.sum((p_CF[..., :2] / z[..., None]) ** 2, axis=-1)
@@ -208,6 +209,7 @@ class PinholeEquidistant(Camera):
         return np.concatenate([xy * gain[..., None], np.cos(theta)[..., None]], axis=-1)
 
     def unfolded(self, p_CF: Vectors) -> Mask:
+        """Whether points are within the angle at which the distortion turns back."""
         theta = np.arctan2(np.linalg.norm(p_CF[..., :2], axis=-1), p_CF[..., 2])
         return np.asarray(theta < self._max_theta)
 
