@@ -9,6 +9,7 @@ from rich.console import Console
 from navcore.errors import NavcoreError
 from sim.commands.check_gl import CheckGl
 from sim.commands.degrade import Degrade
+from sim.commands.gallery import Gallery
 from sim.commands.record import Record
 from sim.commands.replay import Replay
 from sim.commands.severities import Severities
@@ -24,6 +25,7 @@ def main() -> None:
         | Annotated[Replay, tyro.conf.subcommand("replay")]
         | Annotated[Severities, tyro.conf.subcommand("severities")]
         | Annotated[Strip, tyro.conf.subcommand("strip")]
+        | Annotated[Gallery, tyro.conf.subcommand("gallery")]
         | Annotated[CheckGl, tyro.conf.subcommand("check-gl")],
         prog="python -m sim",
     )

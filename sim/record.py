@@ -9,13 +9,13 @@ from navcore.calibration import Calibration
 from navcore.sequence import Sequence
 from sim.camera import gl
 from sim.camera.film import Film
-from sim.degrade import Schedule, degrade_sequence
+from sim.degrade import Request, degrade_sequence
 from sim.errors import ConfigError
 from sim.imu import grade, simulate_imu
 from sim.output import Format, Progress, write_recording
 from sim.output.recording import check_request
 from sim.platforms import simulate_motion
-from sim.points import IMU_GRADE, frame_stamps, simulate_points
+from sim.points import IMU_GRADE, frame_seconds, frame_stamps, simulate_points
 from sim.rig import euroc_like
 from sim.streams import Streams
 from sim.world import build, make_layout
@@ -55,7 +55,7 @@ def filmed(
         platform: which body moves.
         seconds: length of the recording.
         seed: fixes everything that is random.
-        degrade: what happens to vision, as `Schedule.parse` reads it.
+        degrade: what happens to vision, as `sim.degrade.Request.parse` reads it.
         moving_start: begin in full motion instead of standing still.
         cameras: 1 or 2.
         difficulty: easy, medium or difficult motion.
@@ -66,19 +66,20 @@ def filmed(
         ConfigError: an unknown platform, scene or degradation, or a value out of range.
         RenderError: there is no OpenGL.
     """
-    schedule = Schedule.parse(degrade)
-    schedule.check(seconds)
     device = grade(imu)
     calibration = euroc_like(device.noise, cameras)
+    rate_hz = calibration.cameras[0].rate_hz
+    request = Request.parse(degrade)
+    schedule = request.schedule(frame_seconds(seconds, rate_hz))
     gl.make_context(16, 16).free()  # where there is none, that is said before anything is simulated
     motion = simulate_motion(platform, seconds, seed, moving_start, difficulty)
     streams = Streams.of(seed)
     samples, truth = simulate_imu(motion, device, streams.imu)
     world = build(make_layout(scene, motion.p_WB, streams.world), streams.world)
-    stamps = frame_stamps(motion, calibration.cameras[0].rate_hz)
+    stamps = frame_stamps(motion, rate_hz)
     with Film(motion, calibration, world, stamps, schedule.in_camera, streams.vision) as film:
         clean = Sequence(f"{platform}-{scene}-seed{seed}", calibration, samples, film.frames, truth)
-        yield degrade_sequence(clean, schedule.after_camera, seed)
+        yield degrade_sequence(clean, schedule.after_camera, request.seed(seed))
 
 
 def felt(

@@ -1,4 +1,4 @@
-"""The progress bar of whatever makes images."""
+"""The progress bar of commands that take long."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,16 +12,20 @@ from sim.output import Progress
 
 
 class _Rate(ProgressColumn):
-    """Images a second."""
+    """How many a second."""
+
+    def __init__(self, unit: str) -> None:
+        super().__init__()
+        self._unit = unit
 
     def render(self, task: Task) -> Text:
-        return Text(f"{task.speed:.1f} frames/s" if task.speed else "")
+        return Text(f"{task.speed:.1f} {self._unit}/s" if task.speed else "")
 
 
 @contextmanager
-def image_bar(console: Console, doing: str) -> Iterator[Progress]:
-    """A bar with frames per second; what it gives is called with the number of images done and of all."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Rate(), TimeRemainingColumn())
+def progress_bar(console: Console, doing: str, unit: str = "frames") -> Iterator[Progress]:
+    """A bar with so many a second; what it gives is called with the number done and of all."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Rate(unit), TimeRemainingColumn())
     with Bar(*columns, console=console) as bar:
         task = bar.add_task(doing, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -9,7 +9,7 @@ import tyro
 from rich.console import Console
 
 from sim.benchmark import carry_out, plan_cells, plan_one
-from sim.commands.bar import image_bar
+from sim.commands.bar import progress_bar
 from sim.degrade.spec import Spec
 from sim.errors import ConfigError
 from sim.output import Format, Progress
@@ -46,7 +46,7 @@ class Degrade:
 
             def bar(folder: Path) -> Progress:
                 bars.close()
-                return bars.enter_context(image_bar(console, folder.name))
+                return bars.enter_context(progress_bar(console, folder.name))
 
             carry_out(plan, self.format, bar)
         console.print(f"wrote {len(plan.jobs)} recording(s) in {self.out}")

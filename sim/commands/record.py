@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from sim.commands.bar import image_bar
+from sim.commands.bar import progress_bar
 from sim.commands.choices import DifficultyName, GradeName, PlatformName, SceneName
 from sim.output import Format
 from sim.points import IMU_GRADE
@@ -20,7 +20,7 @@ class Record:
     platform: PlatformName = "quadrotor"  # which body moves
     seconds: float = 60.0  # length of the recording
     seed: int = 1  # fixes everything that is random
-    degrade: str = ""  # KIND[:SEVERITY]@START-END,... such as low_light:3@20-35,blackout@40-45
+    degrade: str = ""  # KIND[:SEVERITY]@START-END,... such as low_light:3@20-35, or a benchmark's cell: v1/night
     mode: Mode = "images"  # rendered images, tracks of landmarks, or IMU and truth alone
     start_in_motion: bool = False  # begin in full motion instead of standing still
     cameras: int = 1  # 1 or 2
@@ -31,7 +31,7 @@ class Record:
 
     def run(self, console: Console) -> None:
         """Record, with a progress bar."""
-        with image_bar(console, "recording") as progress:
+        with progress_bar(console, "recording") as progress:
             record(
                 self.platform,
                 self.seconds,

@@ -7,7 +7,7 @@ import numpy as np
 import tyro
 from rich.console import Console
 
-from sim.commands.bar import image_bar
+from sim.commands.bar import progress_bar
 from sim.commands.choices import SceneName
 from sim.errors import ConfigError
 from sim.output import Format, write_recording
@@ -25,7 +25,7 @@ class Replay:
     recording: tyro.conf.Positional[Path]  # a folder or bag with truth; images are not needed
     out: Path | None = None  # folder to make; new or empty
     scene: SceneName = "room"  # what is around
-    degrade: str = ""  # KIND[:SEVERITY]@START-END,... such as low_light:3@20-35,blackout@40-45
+    degrade: str = ""  # KIND[:SEVERITY]@START-END,... such as low_light:3@20-35, or a benchmark's cell: v1/night
     seed: int = 1  # of the scene and of all that is random in images
     cameras: int = 1  # how many of the recording's cameras
     start: float | None = None  # seconds from the first frame whose pose is known
@@ -53,7 +53,7 @@ class Replay:
         ) as sequence:
             for line in sequence.notes:
                 console.print(line, markup=False, highlight=False)
-            with image_bar(console, "replaying") as progress:
+            with progress_bar(console, "replaying") as progress:
                 write_recording(sequence, self.out, format=self.format, origin=origin, progress=progress)
         console.print(f"replayed {self.out}")
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from sim.commands.bar import image_bar
+from sim.commands.bar import progress_bar
 from sim.errors import ConfigError
 from sim.severities import real_clip, rendered_clip, report
 
@@ -36,7 +36,7 @@ class Severities:
             clips.append((title, real_clip(self.recording, self.start_s, self.seconds)))
         pages = [_HEAD]
         for title, clip in clips:
-            with image_bar(console, title) as progress:
+            with progress_bar(console, title, "cells") as progress:
                 pages.append(report(clip, title, progress))
         if self.out is None:
             console.print("\n".join(pages), markup=False, highlight=False)

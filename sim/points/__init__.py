@@ -4,7 +4,7 @@ import numpy as np
 
 from navcore.arrays import Stamps
 from navcore.sequence import Sequence
-from sim.degrade.schedule import Schedule
+from sim.degrade.request import Request
 from sim.degrade.stream import restream
 from sim.errors import ConfigError
 from sim.imu import exact_imu, grade, simulate_imu
@@ -60,7 +60,7 @@ def simulate_points(
         noisy_imu: False gives exact samples without biases.
         moving_start: begin in full motion.
         blackouts: (start, end) seconds from the first frame in which nothing is seen.
-        degrade: a schedule as `Schedule.parse` reads it.
+        degrade: what happens to vision, as `sim.degrade.Request.parse` reads it.
         difficulty: easy, medium or difficult motion.
         imu: its grade, as `sim.imu.grade` reads it.
         scene: what is around.
@@ -72,11 +72,13 @@ def simulate_points(
             value out of range.
     """
     wanted = Seeing(pixel_noise, max_features, track_life_s, outliers, moving)
-    schedule = Schedule.parse(degrade).with_blackouts(tuple(blackouts))
-    schedule.check(seconds if motion is None else motion.duration_s)
     streams = Streams.of(seed, noise_seed)
     device = grade(imu)
     calibration = euroc_like(device.noise, cameras)
+    frames_s = frame_seconds(seconds if motion is None else motion.duration_s, calibration.cameras[0].rate_hz)
+    request = Request.parse(degrade)
+    schedule = request.schedule(frames_s).with_blackouts(tuple(blackouts))
+    schedule.check(frames_s)
     if motion is None:
         motion = simulate_motion(platform, seconds, seed, moving_start, difficulty)
     rate_hz = device.noise.rate_hz
@@ -87,13 +89,23 @@ def simulate_points(
     view = View(calibration, motion.at(stamps))
     landmarks = Landmarks(view, points, normals, layout.distance)
     objects = Objects(view, layout.distance, streams.vision.spawn(1)[0])
-    frames = restream(follow(landmarks, objects, wanted, schedule, streams.vision), schedule, seed)
+    frames = restream(follow(landmarks, objects, wanted, schedule, streams.vision), schedule, request.seed(seed))
     return Sequence(f"{platform}-points-seed{seed}", calibration, samples, frames, truth)
 
 
 def frame_stamps(motion: Motion, rate_hz: float) -> Stamps:
     """(N,) ns: when the cameras look."""
-    n = int((motion.duration_s - FIRST_FRAME_S - LAST_FRAME_MARGIN_S) * rate_hz) + 1
-    if n < 1:
-        raise ConfigError(f"a motion of {motion.duration_s} s is too short for one frame")
+    n = round(frame_seconds(motion.duration_s, rate_hz) * rate_hz) + 1
     return motion.start_ns + np.rint((FIRST_FRAME_S + np.arange(n) / rate_hz) * 1e9).astype(np.int64)
+
+
+def frame_seconds(seconds: float, rate_hz: float) -> float:
+    """From the first frame to the last, in a recording of so many seconds.
+
+    Raises:
+        ConfigError: there is not one frame.
+    """
+    n = int((seconds - FIRST_FRAME_S - LAST_FRAME_MARGIN_S) * rate_hz) + 1
+    if seconds < FIRST_FRAME_S + LAST_FRAME_MARGIN_S:
+        raise ConfigError(f"a motion of {seconds} s is too short for one frame")
+    return (n - 1) / rate_hz

@@ -13,7 +13,7 @@ from navcore.errors import DataError
 from navcore.sequence import Sequence
 from sim.camera import gl
 from sim.camera.film import Film
-from sim.degrade import Schedule, degrade_sequence
+from sim.degrade import Request, degrade_sequence
 from sim.errors import ConfigError
 from sim.replay.smoothed import SmoothedTruth, smooth_truth
 from sim.replay.stamps import open_recording, regular
@@ -42,7 +42,7 @@ def replayed(
     Args:
         source: a recording with truth, or where it is.
         scene: what is built around the path.
-        degrade: what happens to vision, as `Schedule.parse` reads it; times count from the first frame.
+        degrade: what happens to vision, as `sim.degrade.Request.parse` reads it; times count from the first frame.
         seed: fixes the scene and all that is random in images.
         cameras: how many of the recording's cameras.
         start_s, end_s: only the part between, in seconds from the first frame whose pose is known.
@@ -52,13 +52,13 @@ def replayed(
         DataError: the recording has a fault, no truth, or no frame in the part.
         RenderError: there is no OpenGL, or a camera that cannot be rendered.
     """
-    schedule = Schedule.parse(degrade)
+    request = Request.parse(degrade)
     recording, listed = open_recording(source)
     _check(recording, scene, cameras, seed)
     gl.make_context(16, 16).free()  # where there is none, that is said before anything is smoothed
     path = smooth_truth(recording)
     stamps, lost = _frames(recording, listed, path, start_s, end_s)
-    schedule.check(float(stamps[-1] - stamps[0]) * 1e-9)
+    schedule = request.schedule(float(stamps[-1] - stamps[0]) * 1e-9)
     imu = recording.imu
     if start_s is not None:
         imu = imu.between(int(stamps[0]) - _IMU_BEFORE_NS, int(imu.t_ns[-1]) + 1)
@@ -69,7 +69,7 @@ def replayed(
     notes = (*recording.notes, *path.notes, *lost)
     with Film(path.motion, calibration, world, stamps, schedule.in_camera, streams.vision) as film:
         clean = Sequence(f"{recording.name}-{scene}-seed{seed}", calibration, imu, film.frames, path.truth, notes)
-        yield degrade_sequence(clean, schedule.after_camera, seed)
+        yield degrade_sequence(clean, schedule.after_camera, request.seed(seed))
 
 
 def frame_stamps(recording: Sequence, listed: Stamps | None, path: SmoothedTruth) -> tuple[Stamps, tuple[str, ...]]:
