@@ -6,6 +6,8 @@ import pytest
 
 from navcore.sequence import Sequence
 from sim import simulate_motion, simulate_points
+from sim.degrade.effects import effect
+from sim.degrade.schedule import KINDS, STREAM
 from sim.errors import ConfigError
 from sim.imu import GRADES
 from sim.motion import Motion
@@ -90,11 +92,28 @@ def test_nothing_is_seen_in_a_blackout_and_all_is_new_after_it(flight: Motion) -
     np.testing.assert_array_equal(same.frames[200].tracks[0].uv, sequence.frames[200].tracks[0].uv)
 
 
-def test_low_light_leaves_fewer_and_shorter_tracks(flight: Motion) -> None:
-    sequence = simulate_points(seed=3, motion=flight, degrade="low_light:4@5-10")
-    assert np.mean([len(f.tracks[0]) for f in sequence.frames[110:190]]) < 80
-    a, b = (set(sequence.frames[k].tracks[0].ids.tolist()) for k in (150, 155))
-    assert len(a & b) < 0.2 * len(a)
+def test_degraded_vision_leaves_fewer_or_shorter_or_noisier_tracks(flight: Motion) -> None:
+    foggy = simulate_points(seed=3, motion=flight, degrade="fog:5@5-10")
+    assert np.mean([len(f.tracks[0]) for f in foggy.frames[110:190]]) < 80
+    dark = simulate_points(seed=3, motion=flight, degrade="low_light:5@5-10")
+    clean = simulate_points(seed=3, motion=flight)
+    after_a_second = []
+    for sequence in (dark, clean):
+        a, b = (set(sequence.frames[k].tracks[0].ids.tolist()) for k in (130, 150))
+        after_a_second.append(len(a & b))
+    assert after_a_second[0] < 0.5 * after_a_second[1]
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in STREAM])
+def test_every_kind_does_more_at_a_higher_severity(kind: str) -> None:
+    """The number of tracks that live for a second and are right never grows."""
+    lasting = []
+    for severity in range(1, 6):
+        e = effect(kind, severity)
+        right = (1.0 - e.outliers) * (1.0 - e.moving)
+        lasting.append(e.features * right * np.exp(-1.0 / (3.0 * e.life)))
+        assert e.noise >= 1.0
+    assert lasting == sorted(lasting, reverse=True)
 
 
 def test_another_noise_seed_keeps_path_and_world() -> None:
