@@ -1,10 +1,10 @@
 """The result of a cell: one Parquet file, written once and whole."""
 
 import json
-import os
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 import pandas as pd
@@ -64,7 +64,7 @@ def write(record: Record, folder: Path) -> None:
     head = {name: value for name, value in asdict(record).items() if name != "series"}
     table = pa.Table.from_pandas(record.series, preserve_index=False)
     table = table.replace_schema_metadata({_META: json.dumps(head, allow_nan=False).encode()})
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    partial = path.with_name(f".{path.name}.{uuid4().hex}.partial")  # a cell may run twice, on two machines
     try:
         pq.write_table(table, partial, compression="zstd")
         partial.replace(path)

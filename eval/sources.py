@@ -4,7 +4,9 @@ import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from importlib.metadata import version
 from pathlib import Path
+from time import sleep
 from typing import Any
 
 from eval.cells import Cost, Source, code_digest, described
@@ -12,6 +14,7 @@ from eval.errors import StudyError
 from navcore.readers import open_sequence
 from navcore.sequence import Sequence
 from sim.degrade import Schedule, degrade_sequence
+from sim.errors import BusyError, ConfigError
 from sim.motion import Motion
 from sim.output import write_recording
 from sim.platforms import simulate_motion
@@ -31,6 +34,9 @@ _POINTS_RUN_S = 0.0035  # a frame
 _RENDER_S, _BLUR_S = 0.045, 0.09  # a frame
 _IMAGE_RUN_S = 0.010  # a frame, with its decoding
 _DEGRADE_S = 0.006  # a frame, at most
+
+_BUSY_S = 5.0  # between two looks at a flight that another process renders
+_RENDERERS = ("numpy", "scipy", "opencv-python-headless", "mujoco")
 
 
 @dataclass(frozen=True)
@@ -115,7 +121,7 @@ class RenderedFlight:
     Attributes:
         flight: which.
         degrade: what is done inside the camera; the rest is `Degraded`'s.
-        simulator: hash of the code that renders it; images of another simulator are other images.
+        simulator: hash of the code and names of the libraries that render it: others give other images.
     """
 
     flight: Flight
@@ -144,21 +150,33 @@ class RenderedFlight:
         return workspace / "recordings" / f"{self.flight.platform}-seed{self.flight.seed}-{_digest(self)}"
 
     def make(self, workspace: Path, progress: Rendering | None = None) -> None:
-        """Render it, unless it is there; the folder appears whole or not at all."""
+        """Render it, unless it is there; the folder appears whole or not at all, whoever else makes it meanwhile.
+
+        What was cut goes on after the images that are there.
+        """
         folder = self.folder(workspace)
-        if not folder.is_dir():
-            flight = self.flight
-            with filmed(
-                flight.platform,
-                flight.seconds,
-                flight.seed,
-                degrade=self.degrade,
-                moving_start=flight.moving_start,
-                difficulty=flight.difficulty,
-                imu=flight.imu,
-                scene=flight.scene,
-            ) as sequence:
-                write_recording(sequence, folder, progress=progress)
+        while not folder.is_dir():
+            try:
+                self._render(folder, progress)
+            except BusyError:
+                sleep(_BUSY_S)
+            except (ConfigError, OSError):
+                if not folder.is_dir():  # otherwise another one was first
+                    raise
+
+    def _render(self, folder: Path, progress: Rendering | None) -> None:
+        flight = self.flight
+        with filmed(
+            flight.platform,
+            flight.seconds,
+            flight.seed,
+            degrade=self.degrade,
+            moving_start=flight.moving_start,
+            difficulty=flight.difficulty,
+            imu=flight.imu,
+            scene=flight.scene,
+        ) as sequence:
+            write_recording(sequence, folder, origin=described(self), progress=progress)
 
     def load(self, workspace: Path) -> Sequence:
         """Read it.
@@ -174,8 +192,8 @@ class RenderedFlight:
 
 @lru_cache(maxsize=1)
 def _simulator() -> str:
-    """A hash of the code that this process renders with."""
-    return code_digest(("navcore", "sim"))
+    """What this process renders with."""
+    return "-".join((code_digest(("navcore", "sim")), *(version(name) for name in _RENDERERS)))
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 from time import time
 from typing import Any
@@ -22,11 +21,13 @@ from eval.outcome import Index, Outcome, load
 from eval.progress import Ledger, Progress
 from eval.sources import IMAGE_BYTES, RenderedFlight, to_render
 from eval.work import run_cells
+from eval.workplace import Workplace
 
 _LOCAL = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "LP_NUM_THREADS"), "1")
 """One thread for each worker, in linear algebra and in the software renderer."""
 _READY, _RENDER, _POINTS = 2, 1, 0  # what goes first: images that are there, images that take long, the rest
 _EVERY = 20  # images between two messages of a rendering
+_PATIENCE_S = 30.0  # for the first worker of a scheduler elsewhere
 
 
 def run_study(
@@ -47,8 +48,8 @@ def run_study(
         progress: is told how far it is, before the first cell too.
 
     Raises:
-        StudyError: two cells of the study are the same, there is no scheduler at that address, or too little
-            room for the images.
+        StudyError: two cells of the study are the same, there is no scheduler at that address, its workers are none
+            or cannot work on this study, or too little room for the images.
     """
     begun = time()
     workspace = workspace.resolve()
@@ -59,8 +60,9 @@ def run_study(
     errors = []
     if ledger.batches:
         with _client(scheduler, workers) as client:
-            ledger.start(sum(w["nthreads"] for w in client.scheduler_info(n_workers=-1)["workers"].values()))
-            errors = list(_run(client, ledger, index.versions, workspace))
+            place = Workplace(index.versions, _estimators(study), workspace)
+            ledger.start(_able_workers(client, place))
+            errors = list(_run(client, ledger, place))
     else:
         ledger.start(0)
     replace(index, seconds=index.seconds + time() - begun).write(workspace)
@@ -69,7 +71,7 @@ def run_study(
 
 def _plan(study: Study, workspace: Path) -> Index:
     """The list of the study's cells; the time is that of an earlier run of the same cells."""
-    made_with = versions(tuple(sorted({c.estimator for c in study.cells})))
+    made_with = versions(_estimators(study))
     names: set[tuple[Any, ...]] = set()
     for cell in study.cells:
         name = (cell.platform, cell.regime, cell.condition, cell.seed, cell.estimator, cell.arm)
@@ -83,12 +85,34 @@ def _plan(study: Study, workspace: Path) -> Index:
     return Index(study.name, study.base, made_with, seconds, keys, titles, configs)
 
 
-def _run(client: Client, ledger: Ledger, made_with: dict[str, str], workspace: Path) -> Iterator[str]:
+def _estimators(study: Study) -> tuple[str, ...]:
+    return tuple(sorted({c.estimator for c in study.cells}))
+
+
+def _able_workers(client: Client, place: Workplace) -> int:
+    """How many workers there are, all of which can work on the study.
+
+    Raises:
+        StudyError: one of them cannot; the message says which and why. (Left alone, it would fail its cells so fast
+            that it got most of them.)
+    """
+    known = client.scheduler_info(n_workers=-1)["workers"]
+    for address, worker in known.items():
+        if worker["nthreads"] != 1:
+            what = f"{worker['nthreads']} threads; expected 1 (--nthreads 1 --nworkers N)"
+            raise StudyError(f"the worker {address} has {what}")
+    for address, objection in client.run(place.objection).items():
+        if objection:
+            raise StudyError(f"the worker {address} {objection}")
+    return len(known)
+
+
+def _run(client: Client, ledger: Ledger, place: Workplace) -> Iterator[str]:
     """Run all that is to do; gives what goes wrong outside a cell."""
     topic = f"study-{uuid4()}"
     client.subscribe_topic(topic, lambda event: ledger.rendered(*event[1]))
     made = {
-        film: client.submit(_render, film, workspace, topic, number, pure=False, priority=_RENDER)
+        film: client.submit(_render, film, place, topic, number, pure=False, priority=_RENDER)
         for number, film in enumerate(ledger.films)
     }
     futures: dict[Future, Source] = {}
@@ -96,7 +120,7 @@ def _run(client: Client, ledger: Ledger, made_with: dict[str, str], workspace: P
         film, cells = to_render(source), [cell for _, cell in batch]
         first = _POINTS if film is None else _READY
         after = made.get(film) if film is not None else None
-        futures[client.submit(_batch, cells, made_with, workspace, after, pure=False, priority=first)] = source
+        futures[client.submit(_batch, cells, place, after, pure=False, priority=first)] = source
     for future in as_completed(futures):
         source = futures[future]
         try:
@@ -107,30 +131,22 @@ def _run(client: Client, ledger: Ledger, made_with: dict[str, str], workspace: P
         ledger.finished(source)
 
 
-def _render(film: RenderedFlight, workspace: Path, topic: str, name: int) -> None:
+def _render(film: RenderedFlight, place: Workplace, topic: str, name: int) -> None:
     """Run on a worker: render a flight, and tell how far it is."""
+    place.check()
     worker = get_worker()
 
     def tell(done: int, total: int) -> None:
         if done % _EVERY == 0 or done == total:
             worker.log_event(topic, (name, done, total))
 
-    film.make(workspace, tell)
+    film.make(place.folder, tell)
 
 
-def _batch(cells: list[Cell], made_with: dict[str, str], workspace: Path, made: None) -> None:
+def _batch(cells: list[Cell], place: Workplace, made: None) -> None:
     """Run on a worker: cells that share a recording; `made` only says that it is there."""
-    here = _versions_here(tuple(sorted({c.estimator for c in cells})))
-    other = [f"{name} {here.get(name)} instead of {is_}" for name, is_ in made_with.items() if here.get(name) != is_]
-    if other:
-        raise StudyError(f"a worker runs other versions than the study: {', '.join(other)}")
-    run_cells(cells, made_with, workspace)
-
-
-@lru_cache
-def _versions_here(estimators: tuple[str, ...]) -> dict[str, str]:
-    """What this worker runs, as it was when it ran its first cell."""
-    return versions(estimators)
+    place.check()
+    run_cells(cells, place.versions, place.folder)
 
 
 def _check_room(films: list[RenderedFlight], workspace: Path) -> None:
@@ -149,12 +165,14 @@ def _client(scheduler: str | None, workers: int | None) -> Iterator[Client]:
         except (OSError, ValueError) as error:
             raise StudyError(f"no Dask scheduler at {scheduler!r}: {error}") from error
         with client:
-            if not client.scheduler_info()["workers"]:
-                raise StudyError(f"the Dask scheduler at {scheduler!r} has no workers")
+            try:
+                client.wait_for_workers(1, timeout=_PATIENCE_S)
+            except TimeoutError as error:
+                raise StudyError(f"the Dask scheduler at {scheduler!r} has no workers") from error
             yield client
         return
     count = workers or len(os.sched_getaffinity(0))
-    options = {"n_workers": count, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    options = {"n_workers": count, "threads_per_worker": 1, "processes": True, "dashboard_address": ":0"}
     with (
         LocalCluster(**options, env=_LOCAL, silence_logs=logging.ERROR) as cluster,
         Client(cluster) as client,

@@ -11,7 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import navcore
-from sim.errors import ConfigError
+from sim.errors import BusyError, ConfigError
 
 MANIFEST = "manifest.json"
 ORIGIN = "origin.json"
@@ -47,7 +47,8 @@ def new_folder(out: Path, origin: Origin | None) -> Iterator[Path]:
     same origin comes next; without an origin it vanishes.
 
     Raises:
-        ConfigError: as `check_new` does, the folder cannot be made, or another process is writing it.
+        BusyError: another process is writing it.
+        ConfigError: as `check_new` does, or the folder cannot be made.
     """
     check_new(out, origin)
     partial = _partial(out)
@@ -77,7 +78,7 @@ def _alone(partial: Path) -> Iterator[None]:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise ConfigError(f"{partial} is being written by another process") from error
+            raise BusyError(f"{partial} is being written by another process") from error
         yield
 
 

@@ -5,6 +5,7 @@ import signal
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from time import sleep
 from typing import Any
 
 import numpy as np
@@ -49,15 +50,19 @@ class FakeOdometry:
 
     Overrides: `scale` of the errors; `draw`, the seed of the noise; `fail`, a message to raise;
     `blind_after`, the frame from which there is no state; `kill_once`, a file: the first time that it is
-    missing the whole process ends hard.
+    missing the whole process ends hard; `diary`, a file that gets a line for every run that begins; `sleep_s`.
     """
 
     def __init__(self, overrides: Mapping[str, Any]) -> None:
         self._options = {"scale": 1.0, "draw": 0, "fail": "", "blind_after": 10**9, "kill_once": ""}
-        self._options |= overrides
+        self._options |= {"diary": "", "sleep_s": 0.0} | overrides
         self._rng = np.random.default_rng(self._options["draw"])
         self._seen = 0
         self._last: tuple[np.ndarray, np.ndarray] | None = None
+        if self._options["diary"]:
+            with Path(self._options["diary"]).open("a") as diary:
+                diary.write(f"{self._options['draw']} {os.getpid()}\n")
+        sleep(self._options["sleep_s"])
 
     def add_imu(self, samples: ImuSamples) -> list[Estimate]:
         self._last = samples.gyro[-1], samples.accel[-1]
