@@ -12,18 +12,12 @@ from sim.severities import real_clip, rendered_clip, report
 _START_S, _SECONDS = 8.0, 6.0  # of the rendered flight: in full motion
 _HEAD = """# What severities do to feature tracks
 
-Made by `python -m sim severities --recording MH_01_easy --out FILE`. The tracker of this project (150 features, KLT with the
-gyro's rotation) follows a clip under each kind and severity. On the rendered flight the true flow is known from the scene;
-on real images it is taken from the clean images, where tracking there and back agrees to 0.3 px. A track survives if its
-first step and the one a second later are both within 2 px of the truth: features that follow something else have not.
-
-The share falls from severity 1 to 5 for every kind on both (MH_01's first severities of `motion_blur` and `fog` are within
-chance of 1). `motion_blur` falls least: an exposure cannot be longer than a frame, and KLT follows edges that are blurred
-alike; what grows is the noise. Kinds that act on frames and stamps leave tracks alone, and are not in the table.
-
-Points mode takes its factors from here (`sim/degrade/effects.py`): features and wrong steps are the mean of the two tables,
-life the geometric mean, noise that of the real images. *Life* is the factor on a mean life of 3 s that gives the loss
-within 0.25 s; *wrong* is the share of steps that end more than 2 px off.
+Made by `python -m sim severities --recording MH_01_easy --out FILE`. This project's tracker (150 features, KLT with
+the gyro's rotation) follows a clip under each kind and severity. On the rendered flight the true flow is known from the
+scene; on real images it is that of the clean images, where tracking there and back agrees to 0.3 px. A track survives
+if its first step and the one a second later are both within 2 px of the truth; on other things it has not survived.
+*Life* is the factor on a mean life of 3 s that explains the losses within 0.25 s; *wrong* is the share of steps that
+end more than 2 px off. Kinds that act on frames and stamps leave tracks alone.
 """
 
 
