@@ -94,8 +94,8 @@ class GeometricController:
         e_omega = _combine(1.0, omega, -1.0, body.inverse_times(wanted.times(omega_d)))
         alpha = _combine(-k.attitude, e_R, -k.rate, e_omega)
         momentum = _times(self._inertia, omega)
-        moment = _combine(1.0, _times(self._inertia, alpha), 1.0, _cross(omega, momentum))
-        return (self._mass * _dot(a, body.z), *moment)
+        x, y, z = _combine(1.0, _times(self._inertia, alpha), 1.0, _cross(omega, momentum))
+        return self._mass * _dot(a, body.z), x, y, z
 
 
 def _upright(a: Vector, heading: Vector) -> Frame:

@@ -1,7 +1,7 @@
 """A way over the ground, as a person or a driver takes it: towards one goal after another, in curves, with pauses."""
 
 from dataclasses import dataclass
-from math import atan2, cos, hypot, pi, sin, sqrt
+from math import atan2, copysign, cos, hypot, pi, sin, sqrt
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
@@ -11,6 +11,7 @@ from sim.errors import ConfigError
 
 _STEP_S = 0.02
 _REACHED = 0.5  # m from a goal
+_MIDDLE = np.zeros(2)
 _STEERING_LAG_S = 0.15  # twice in a row, for curvature and for speed: the course has a continuous jerk
 _MOST_PULL = 0.8  # m/s^2, of speeding up and slowing down
 
@@ -19,7 +20,7 @@ _MOST_PULL = 0.8  # m/s^2, of speeding up and slowing down
 class Going:
     """How one goes."""
 
-    half_area: tuple[float, float]  # m, goals are drawn in it, about the origin of W
+    half_area: tuple[float, float]  # m, goals lie in it, about the origin of W; turns lead out of it by a radius
     speed: float  # m/s, sought on the way
     turning_radius: float  # m, the least
     sideways: float  # m/s^2, slower in curves that would ask for more
@@ -58,6 +59,18 @@ class _Walker:
         dx, dy = float(goal[0]) - self.x, float(goal[1]) - self.y
         return hypot(dx, dy), (atan2(dy, dx) - self.heading + pi) % (2.0 * pi) - pi
 
+    def leaves(self, half_area: tuple[float, float]) -> bool:
+        """Outside before a turn could begin, and on its way further out."""
+        reach = 2.0 * _STEERING_LAG_S * self.speed
+        dx, dy = cos(self.heading), sin(self.heading)
+        out_x = abs(self.x + reach * dx) > half_area[0] and self.x * dx > 0.0
+        return out_x or (abs(self.y + reach * dy) > half_area[1] and self.y * dy > 0.0)
+
+    def way_back(self) -> float:
+        """Which way it turns to where it came from: above zero left. Once turned away from it, it turns on."""
+        _, left = self.bearing(_MIDDLE)
+        return left if abs(left) < 0.75 * pi else self.curvature
+
     def step(self, speed: float, curvature: float) -> None:
         share = _STEP_S / _STEERING_LAG_S
         pull = max(-_MOST_PULL * _STEP_S, min(_MOST_PULL * _STEP_S, share * (speed - self._speed_sought)))
@@ -90,6 +103,8 @@ def random_course(going: Going, seconds: float, rng: np.random.Generator, rest_s
             goal, pace = _next_goal(walker, half, going.turning_radius, rng), rng.uniform(0.75, 1.25)
             distance, left = walker.bearing(goal)
         curvature = max(-sharpest, min(sharpest, 2.0 * sin(left) / distance if abs(left) < 0.5 * pi else 9.0 * left))
+        if walker.leaves(going.half_area):
+            curvature = copysign(sharpest, walker.way_back())
         curve = max(abs(curvature), abs(walker.curvature), 1e-3)
         speed = min(going.speed * pace, sqrt(going.sideways / curve))
         walker.step(speed if waits <= 0.0 else 0.0, curvature)

@@ -57,8 +57,9 @@ def _strikes(phase: Floats, size: Floats, dt_s: float) -> Vectors:
     blows = np.diff(np.floor(phase / (2.0 * np.pi)), prepend=np.floor(phase[0] / (2.0 * np.pi))) * size
     t = np.arange(0.0, 20.0 * _STRIKE_S, dt_s) / _STRIKE_S
     pulse = (t / 3.0) ** 3 * np.exp(3.0 - t)  # its peak is 1
-    pushed: Floats = fftconvolve(blows, pulse)[: len(phase)]
-    return pushed[:, None] * _STRIKE
+    pushed = fftconvolve(blows, pulse)[: len(phase)]
+    shift: Vectors = pushed[:, None] * _STRIKE
+    return shift
 
 
 def _wandering(n: int, dt_s: float, every_s: float, rng: np.random.Generator) -> Vectors:
@@ -72,7 +73,7 @@ def _wandering(n: int, dt_s: float, every_s: float, rng: np.random.Generator) ->
 
 
 def _tremor(n: int, dt_s: float, rms: float, rng: np.random.Generator) -> tuple[Vectors, Vectors]:
-    """(n, 3) m and (n, 3) rad whose accelerations lie between 8 and 12 Hz; the wrist turns as a point .1 m off shifts."""
+    """(n, 3) m and (n, 3) rad whose accelerations lie between 8 and 12 Hz; the wrist turns as a point .1 m off does."""
     band = butter(2, _TREMOR_HZ, "bandpass", fs=1.0 / dt_s, output="sos")
     noise: Floats = sosfilt(band, rng.standard_normal((n, 6)), axis=0)
     middle = 2.0 * np.pi * np.sqrt(_TREMOR_HZ[0] * _TREMOR_HZ[1])

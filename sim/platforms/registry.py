@@ -6,7 +6,7 @@ import numpy as np
 
 from sim.errors import ConfigError
 from sim.motion import Motion
-from sim.platforms import handheld, quadrotor
+from sim.platforms import handheld, quadrotor, rover
 from sim.streams import Streams
 
 DIFFICULTIES = ("easy", "medium", "difficult")
@@ -21,9 +21,14 @@ def _handheld(seconds: float, moving_start: bool, difficulty: str, rng: np.rando
     return handheld.carry(seconds, rng, handheld.WALKS[difficulty], moving_start)
 
 
+def _rover(seconds: float, moving_start: bool, difficulty: str, rng: np.random.Generator) -> Motion:
+    return rover.drive(seconds, rng, rover.DRIVES[difficulty], moving_start)
+
+
 PLATFORMS: dict[str, Callable[[float, bool, str, np.random.Generator], Motion]] = {
     "quadrotor": _quadrotor,
     "handheld": _handheld,
+    "rover": _rover,
 }
 """Makers of motion by platform: (seconds, moving_start, difficulty, rng)."""
 
