@@ -22,7 +22,7 @@ class Degrade:
     recording: tyro.conf.Positional[Path | None] = None  # a folder or bag, with images
     out: Path | None = None  # folder to make; cells go to OUT/CELL
     spec: str = "v1"  # benchmark: v1, or the path of a .yaml file
-    cell: tuple[str, ...] = ()  # which cells, by name or pattern such as 'low_light-*'; all without it
+    cell: tyro.conf.UseAppendAction[tuple[str, ...]] = ()  # by name or pattern, again for more; all without it
     degrade: str | None = None  # KIND[:SEVERITY]@START-END,... in place of a benchmark
     seed: int = 1  # of such a schedule; a benchmark has its own
     format: Format = "asl"  # EuRoC's layout, or a ROS bag
