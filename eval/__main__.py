@@ -12,6 +12,7 @@ from rich.console import Console
 
 from eval import files, metrics
 from eval.alignment import Mode
+from eval.cells import Study
 from eval.errors import EvalError
 from eval.outcome import Outcome, load
 from eval.paired import paired
@@ -66,18 +67,42 @@ def study(
         scheduler: address of a Dask scheduler; a local cluster is started without one.
         workers: processes of the local cluster, one for each core by default.
     """
-    from eval.bar import study_bar
-    from eval.report import write_report
-    from eval.study import run_study
-
-    console, chosen = _console(), PRESETS[preset]
+    chosen = PRESETS[preset]
     chosen = replace(chosen, seeds=chosen.seeds if seeds is None else seeds)
     chosen = replace(chosen, rendered_seeds=chosen.rendered_seeds if rendered_seeds is None else rendered_seeds)
     folder = out or Path("results") / preset
-    with study_bar(console) as progress:
-        outcome = run_study(chosen.study(folder), folder, scheduler=scheduler, workers=workers, progress=progress)
-    page = write_report(outcome, folder)
-    return _show(outcome, page, console)
+    return _run(chosen.study(folder), folder, scheduler, workers)
+
+
+def benchmark(
+    recordings: tyro.conf.Positional[tuple[Path, ...]],
+    spec: str = "v1",
+    cell: tuple[str, ...] = (),
+    prior: tuple[str, ...] = (),
+    out: Path | None = None,
+    scheduler: str | None = None,
+    workers: int | None = None,
+) -> int:
+    """Run a benchmark on recordings with images, real or not, or what is left of it, and write its report.
+
+    Args:
+        recordings: ASL folders or bags; their images are degraded when they are loaded.
+        spec: the benchmark, by name or the path of its file.
+        cell: which cells, by name or pattern such as `low_light-*`; all without it.
+        prior: further arms beside `none` and, where truth has biases, `truth`: `constant:FILE.json`.
+        out: its folder, results/SPEC by default; a study that was stopped goes on there.
+        scheduler: address of a Dask scheduler; a local cluster is started without one.
+        workers: processes of the local cluster, one for each core by default.
+    """
+    from eval.benchmark import Benchmark
+    from sim.degrade.spec import Spec
+
+    chosen = Spec.load(spec)
+    folder = out or Path("results") / chosen.name
+    plan, left_out = Benchmark(chosen, recordings, cell, prior).study(folder)
+    for line in left_out:
+        _console().print(line, markup=False, highlight=False)
+    return _run(plan, folder, scheduler, workers)
 
 
 def report(folder: tyro.conf.Positional[Path]) -> int:
@@ -90,6 +115,17 @@ def report(folder: tyro.conf.Positional[Path]) -> int:
 
     outcome = load(folder)
     return _show(outcome, write_report(outcome, folder), _console())
+
+
+def _run(plan: Study, folder: Path, scheduler: str | None, workers: int | None) -> int:
+    from eval.bar import study_bar
+    from eval.report import write_report
+    from eval.study import run_study
+
+    console = _console()
+    with study_bar(console) as progress:
+        outcome = run_study(plan, folder, scheduler=scheduler, workers=workers, progress=progress)
+    return _show(outcome, write_report(outcome, folder), console)
 
 
 def _console() -> Console:
@@ -109,7 +145,8 @@ def _show(outcome: Outcome, page: Path, console: Console) -> int:
 
 def main() -> int:
     """Parse the command line and do what it says."""
-    commands: dict[str, Callable[..., int]] = {"score": score, "study": study, "report": report}
+    commands: dict[str, Callable[..., int]] = {"score": score, "study": study, "benchmark": benchmark}
+    commands["report"] = report
     try:
         code: int = tyro.extras.subcommand_cli_from_dict(commands, prog="python -m eval")
         return code

@@ -25,6 +25,7 @@ HEALTH_COLOURS = {
     Health.LOST: "#D55E00",
 }
 _AXES = ("x", "y", "z")
+_ATE_TICKS = [m * 10.0**e for e in range(-4, 5) for m in (1, 2, 5)]
 _RATIO_TICKS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0]
 _SETTLED = 0.3  # share of a run after which the biases have settled, for the range that a figure shows
 
@@ -45,13 +46,14 @@ def places(records: Iterable[Record]) -> tuple[dict[str, float], str]:
     axis = next((str(r.config["axis"]) for r in records), "")
     if not axis or None in levels.values():
         return {condition: float(k) for k, condition in enumerate(levels)}, ""
-    return {condition: float(level) for condition, level in levels.items()}, axis
+    return {condition: float(levels[condition]) for condition in sorted(levels, key=levels.__getitem__)}, axis
 
 
 def spacing(at: Iterable[float]) -> float:
-    """The least distance between two conditions."""
-    steps = np.diff(sorted(set(at)))
-    return float(steps.min()) if len(steps) else 1.0
+    """Room for the arms of a condition: the least distance between two, less where there are only a few."""
+    ordered = sorted(set(at))
+    steps = np.diff(ordered)
+    return min(float(steps.min()), 0.25 * (ordered[-1] - ordered[0])) if len(steps) else 1.0
 
 
 def ate_by_condition(records: list[Record], arms: list[str]) -> Figure:
@@ -76,12 +78,12 @@ def ate_by_condition(records: list[Record], arms: list[str]) -> Figure:
             y = np.concatenate([g.ate_m.to_numpy(dtype=np.float64) for _, g in known])
             symbols = [f"{symbol}-open" if d == 1.0 else symbol for _, g in known for d in g.diverged]
             marks = look | {"size": 5, "opacity": 0.5, "symbol": symbols}
-            texts = [str(s) for _, g in known for s in g.seed]
+            texts = [str(name) for _, g in known for name in g.recording]
             single = _points(arm, np.concatenate(spread), y, marks, False)
-            traces.append(single | {"text": texts, "hovertemplate": "seed %{text}: %{y:.4f} m"})
+            traces.append(single | {"text": texts, "hovertemplate": "%{text}: %{y:.4f} m"})
         medians = [(x, g.ate_m.to_numpy(dtype=np.float64)) for x, g in known]
         traces.append(_medians(arm, medians, look, joined=bool(axis)))
-    y_axis = {"type": "log", "dtick": "D2", "title": {"text": "ATE [m]"}}
+    y_axis = _log_axis("ATE [m]", _ATE_TICKS)
     return {"data": traces, "layout": {"xaxis": _conditions(at, axis, step), "yaxis": y_axis}}
 
 
@@ -89,6 +91,7 @@ def ratios(records: list[Record], pairs: list[Paired], arms: list[str]) -> Figur
     """ATE over that of the base, seed by seed, with the median and its 95 % interval; None without pairs."""
     at, axis = places(records)
     step = spacing(at.values())
+    names = {int(r.config["seed"]): str(r.config["recording"]) for r in records}
     shown = [p for p in pairs if len(p.seeds) > 1]
     present = [arm for arm in arms if any(p.arm == arm for p in shown)]
     if not present:
@@ -99,16 +102,15 @@ def ratios(records: list[Record], pairs: list[Paired], arms: list[str]) -> Figur
         look = {"color": colour(arm, arms), "symbol": ARM_SYMBOLS[arms.index(arm) % len(ARM_SYMBOLS)]}
         mine = [p for p in shown if p.arm == arm]
         x = np.concatenate([np.full(len(p.seeds), at[p.condition] + offset) for p in mine])
-        texts = [str(s) for p in mine for s in p.seeds]
+        texts = [names[s] for p in mine for s in p.seeds]
         marks = look | {"size": 5, "opacity": 0.5}
         single = _points(arm, x, np.concatenate([np.exp(p.log_ratios) for p in mine]), marks, False)
-        traces.append(single | {"text": texts, "hovertemplate": "seed %{text}: × %{y:.3f}"})
+        traces.append(single | {"text": texts, "hovertemplate": "%{text}: × %{y:.3f}"})
         medians = [(at[p.condition] + offset, np.exp(p.log_ratios)) for p in mine]
         traces.append(_medians(arm, medians, look, joined=False))
     one = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": 1, "y1": 1}
     one["line"] = {"dash": "dot", "color": TRUTH_COLOUR}
-    y_axis: Figure = {"type": "log", "title": {"text": "ATE / ATE of the base"}}
-    y_axis |= {"tickvals": _RATIO_TICKS, "ticktext": [f"{v:g}" for v in _RATIO_TICKS]}
+    y_axis = _log_axis("ATE / ATE of the base", _RATIO_TICKS)
     x_axis = _conditions(at, axis, step)
     return {"data": traces, "layout": {"xaxis": x_axis, "yaxis": y_axis, "shapes": [one]}}
 
@@ -242,6 +244,15 @@ def _conditions(at: dict[str, float], axis: str, step: float) -> Figure:
     ticks["ticktext"] = [f"{x:g}" for x in at.values()] if axis else list(at)
     ticks["range"] = [min(at.values()) - 0.6 * step, max(at.values()) + 0.6 * step]
     return ticks | ({"title": {"text": axis}} if axis else {})
+
+
+def _log_axis(title: str, ticks: list[float]) -> Figure:
+    return {
+        "type": "log",
+        "title": {"text": title},
+        "tickvals": ticks,
+        "ticktext": [f"{v:g}" for v in ticks],
+    }
 
 
 def _points(arm: str, x: Floats, y: Floats, marker: Figure, shown: bool) -> Figure:

@@ -9,17 +9,16 @@ from typing import Any
 import cv2
 import numpy as np
 
+from eval.cells import Source
 from eval.errors import EvalError
 from eval.records import Record
-from eval.sources import Degraded, RenderedFlight, restored
+from eval.sources import Degraded, Recording, RenderedFlight, degradations, restored
 from navcore.errors import NavcoreError
 from sim.errors import SimError
 
 _WIDTH = 376
 _QUALITY = 80
-_AT_S = 22.0
-"""Seconds from the first frame; the degradations of the presets are on then."""
-_WITH_IMAGES = tuple(kind.__name__ for kind in (RenderedFlight, Degraded))
+_WITH_IMAGES = tuple(kind.__name__ for kind in (RenderedFlight, Degraded, Recording))
 
 
 @dataclass(frozen=True)
@@ -51,13 +50,23 @@ def samples(records: Iterable[Record], workspace: Path) -> list[Sample]:
             continue
         shown.add(source)
         try:
-            frames = source.load(workspace).frames
-            frame = min(frames, key=lambda f: abs((f.t_ns - frames[0].t_ns) * 1e-9 - _AT_S))
-            picture = _address(frame.images[0].load())
+            sample = _sample(f"{platform}, {regime}, {condition}", source, workspace)
         except (EvalError, NavcoreError, SimError):
             continue
-        result.append(Sample(f"{platform}, {regime}, {condition}", _AT_S, picture))
+        result += [sample] if sample is not None else []
     return result
+
+
+def _sample(title: str, source: Source, workspace: Path) -> Sample | None:
+    """A picture in the middle of the first degradation, or of a clean recording; None if it has no images."""
+    frames = [f for f in source.load(workspace).frames if 0 in f.images]
+    if not frames:
+        return None
+    first_ns = frames[0].t_ns
+    spans = degradations(source)
+    at_s = 0.5 * (spans[0].start_s + spans[0].end_s if spans else (frames[-1].t_ns - first_ns) * 1e-9)
+    frame = min(frames, key=lambda f: abs((f.t_ns - first_ns) * 1e-9 - at_s))
+    return Sample(title, (frame.t_ns - first_ns) * 1e-9, _address(frame.images[0].load()))
 
 
 def _address(image: "np.typing.NDArray[np.uint8]") -> str:

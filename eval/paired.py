@@ -15,6 +15,7 @@ from navcore.arrays import Floats
 CONFIDENCE = 0.95
 GROUP = ["platform", "regime", "condition", "estimator"]
 _CELL = ["platform", "regime", "condition", "level", "axis", "seed", "estimator", "arm"]
+_SHOWN = [*_CELL, "recording"]
 
 
 @dataclass(frozen=True)
@@ -62,8 +63,10 @@ def frame(records: Iterable[Record]) -> pd.DataFrame:
     Raises:
         StudyError: two records are of the same cell.
     """
-    rows = [{name: r.config[name] for name in _CELL} | {"key": r.key, "failure": r.failure} | r.scores for r in records]
-    table = pd.DataFrame(rows, columns=None if rows else [*_CELL, "key", "failure"])
+    rows = [
+        {name: r.config[name] for name in _SHOWN} | {"key": r.key, "failure": r.failure} | r.scores for r in records
+    ]
+    table = pd.DataFrame(rows, columns=None if rows else [*_SHOWN, "key", "failure"])
     for name in ("ate_m", "ate_deg", "diverged", "completeness"):
         if name not in table:
             table[name] = np.nan

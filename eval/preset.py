@@ -101,6 +101,7 @@ def _arms(device: str, chance: bool) -> tuple[Arm, ...]:
 _ALL = tuple(PLATFORMS)
 _OTHERS = tuple(name for name in PLATFORMS if name != "quadrotor")
 _RENDERED = Setting(35.0)
+_BRIEF = Setting(40.0)
 _EARLY = outage("outage, early", 10.0, base=Setting(60.0))
 _LATE = outage("outage, late", 50.0, base=Setting(90.0))
 _EASY = outage("still and straight, then an outage", 25.0, (0.0, 10.0, 20.0), Setting(difficulty="easy"))
@@ -119,10 +120,10 @@ QUICK = Preset(
     "Degradations in brief",
     (
         Block(_SMALL, images=True),
-        Block(outage("outage", 25.0, (0.0, 5.0, 10.0, 20.0)), chance=True),
+        Block(outage("outage", 15.0, (0.0, 5.0, 10.0, 20.0), _BRIEF), chance=True),
         Block(start_in_motion((100, 25))),
-        Block(graded("wrong vision", _WRONG, (0, 3, 5))),
-        Block(outage("outage", 25.0, (0.0, 10.0)), _OTHERS),
+        Block(graded("wrong vision", _WRONG, (0, 3, 5), _BRIEF)),
+        Block(outage("outage", 15.0, (10.0,), _BRIEF), _OTHERS),
     ),
     seeds=6,
     rendered_seeds=1,
@@ -154,7 +155,7 @@ FULL = Preset(
     "Degradations and priors, in full",
     (
         *(Block(graded(kind.replace("_", " "), kind, base=_RENDERED), _ALL, images=True) for kind in GRADED),
-        Block(outage("outage", 12.0, OUTAGES_S[:-1], _RENDERED), _ALL, images=True),
+        Block(outage("outage", 10.0, OUTAGES_S[:-1], _RENDERED), _ALL, images=True),
         Block(_EARLY, _ALL, chance=True),
         Block(_LATE, _ALL, chance=True),
         Block(start_in_motion(), _ALL, chance=True),

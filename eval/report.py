@@ -3,7 +3,7 @@
 import json
 import re
 from collections.abc import Sequence as ListLike
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from eval.records import Record
 from eval.tables import Table, consistency_table, failure_table, group_table, overview_table, paired_table, percent
 
 _TEMPLATE = Path(__file__).with_name("report.html")
+_SHOWN_ROWS = 150
 
 
 @dataclass(frozen=True)
@@ -57,9 +58,7 @@ def write_report(outcome: Outcome, folder: Path) -> Path:
             overview=overview_table(outcome.records, pairs, outcome.index.base),
             consistency=consistency_table(records),
             failures=failures if failures.rows else None,
-            platforms={
-                p: [c for c in chapters if c.platform == p] for p in dict.fromkeys(c.platform for c in chapters)
-            },
+            platforms=platforms,
             examples=[_title(group) for group in examples],
             samples=images.samples(records, folder),
             plotly=get_plotlyjs(),
@@ -78,15 +77,17 @@ def headlines(pairs: list[Paired]) -> list[str]:
     """What the study found, a sentence for each arm."""
     found = []
     for arm in dict.fromkeys(p.arm for p in pairs):
-        known = [p for p in pairs if p.arm == arm and p.low is not None and p.high is not None]
+        mine = [p for p in pairs if p.arm == arm]
+        once = {(p.platform, p.estimator, p.log_ratios.tobytes()): p for p in mine}  # regimes share their clean runs
+        known = [p for p in once.values() if p.median is not None and p.low is not None and p.high is not None]
         if not known:
             continue
         better = sum(p.high < 1.0 for p in known if p.high is not None)
         worse = sum(p.low > 1.0 for p in known if p.low is not None)
         middle = percent(float(np.median([p.median for p in known if p.median is not None])))
-        apart = sum(p.diverged for p in known), sum(p.base_diverged for p in known)
-        line = f"{arm}: ATE {middle} against {known[0].base} in the middle of {len(known)} conditions; with certainty"
-        line += f" better in {better}, worse in {worse}; {apart[0]} runs diverged against {apart[1]}."
+        apart = sum(p.diverged for p in mine), sum(p.base_diverged for p in mine)
+        line = f"{arm}: ATE {middle} against {known[0].base} in the middle of {len(known)} conditions; the whole"
+        line += f" interval is better in {better}, worse in {worse}; {apart[0]} runs diverged against {apart[1]}."
         found.append(line)
     return found
 
@@ -109,8 +110,8 @@ def _chapters(records: ListLike[Record], pairs: list[Paired], arms: list[str]) -
 
 
 def _examples(records: list[Record], base: str) -> list[list[Record]]:
-    """Of every regime the first and the last condition, on the lowest seed, in all arms that share the base's
-    recording: not chosen by result."""
+    """Of every regime the last condition, on the lowest seed, in all arms that share the base's recording: not
+    chosen by result."""
     regimes: dict[tuple[str, str], dict[str, list[Record]]] = {}
     for r in records:
         if not r.series.empty and "true_b_g_x" in r.series and "b_g_x" in r.series:
@@ -118,12 +119,17 @@ def _examples(records: list[Record], base: str) -> list[list[Record]]:
             conditions.setdefault(r.config["condition"], []).append(r)
     groups = []
     for conditions in regimes.values():
-        for condition in dict.fromkeys((next(iter(conditions)), next(reversed(conditions)))):
-            lowest = min(r.config["seed"] for r in conditions[condition])
-            group = [r for r in conditions[condition] if r.config["seed"] == lowest]
-            shared = [r.config["source"] for r in group if r.config["arm"] == base] or [group[0].config["source"]]
-            groups.append([r for r in group if r.config["source"] == shared[0]])
+        last = conditions[next(reversed(conditions))]
+        lowest = min(r.config["seed"] for r in last)
+        group = [r for r in last if r.config["seed"] == lowest]
+        shared = [r.config["source"] for r in group if r.config["arm"] == base] or [group[0].config["source"]]
+        groups.append([_thinned(r) for r in group if r.config["source"] == shared[0]])
     return groups
+
+
+def _thinned(record: Record) -> Record:
+    """With as many rows as a figure can show, so that the page stays small; all arms keep the same ones."""
+    return replace(record, series=record.series.iloc[:: max(1, round(len(record.series) / _SHOWN_ROWS))])
 
 
 def _title(group: list[Record]) -> str:

@@ -9,11 +9,14 @@ from pathlib import Path
 from time import sleep
 from typing import Any
 
+import numpy as np
+
 from eval.cells import Cost, Source, code_digest, described
 from eval.errors import StudyError
 from navcore.readers import open_sequence
 from navcore.sequence import Sequence
 from sim.degrade import Schedule, degrade_sequence
+from sim.degrade.schedule import Degradation
 from sim.errors import BusyError, ConfigError
 from sim.motion import Motion
 from sim.output import write_recording
@@ -198,20 +201,25 @@ def _simulator() -> str:
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording in a folder, as `navcore.readers` knows it.
+    """A recording on disk, as `navcore.readers` knows it.
 
     Attributes:
-        path: of the folder.
+        path: where it is, for all workers.
         frames: how many it has, for what it costs.
+        digest: of its stamps and IMU samples: another recording in the same place is another one.
     """
 
     path: str
     frames: int
+    digest: str
 
     @staticmethod
-    def at(path: Path) -> "Recording":
-        """The one in a folder."""
-        return Recording(str(path), len(open_sequence(path).frames))
+    def of(path: Path, sequence: Sequence) -> "Recording":
+        """The one that was read from there."""
+        digest = hashlib.sha256(np.array([f.t_ns for f in sequence.frames], dtype=np.int64).tobytes())
+        for values in (sequence.imu.t_ns, sequence.imu.gyro, sequence.imu.accel):
+            digest.update(values.tobytes())
+        return Recording(str(path.resolve()), len(sequence.frames), digest.hexdigest()[:12])
 
     @property
     def name(self) -> str:
@@ -271,6 +279,13 @@ def to_render(source: Source) -> RenderedFlight | None:
     """What has to be rendered before a source can be loaded, None if nothing."""
     inner = source.clean if isinstance(source, Degraded) else source
     return inner if isinstance(inner, RenderedFlight) else None
+
+
+def degradations(source: Source) -> tuple[Degradation, ...]:
+    """All that happens to the vision of a source."""
+    within = degradations(source.clean) if isinstance(source, Degraded) else ()
+    own = source.degrade if isinstance(source, Degraded | RenderedFlight | PointsFlight) else ""
+    return (*within, *Schedule.parse(own).degradations)
 
 
 def restored(content: Mapping[str, Any]) -> Any:

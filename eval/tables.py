@@ -145,11 +145,15 @@ def consistency_table(records: Iterable[Record]) -> Table:
 
 
 def failure_table(outcome: Outcome) -> Table:
-    """A row for each cell that raised, that has no record, or that could not be run."""
-    rows = [(r.title, r.failure or "") for r in outcome.failures]
-    rows += [(title, "was not run") for title in outcome.missing]
-    rows += [("outside a cell", error) for error in outcome.errors]
-    return Table("What went wrong", ("cell", "message"), tuple(rows), labels=2)
+    """A row for each message of cells that raised, for all that have no record, and for what else went wrong."""
+    alike: dict[str, list[str]] = {}
+    for record in outcome.failures:
+        alike.setdefault(record.failure or "", []).append(record.title)
+    if outcome.missing:
+        alike["was not run"] = list(outcome.missing)
+    rows = [(str(len(titles)), titles[0], message) for message, titles in alike.items()]
+    rows += [(_NOTHING, "outside a cell", error) for error in outcome.errors]
+    return Table("What went wrong", ("cells", "the first of them", "message"), tuple(rows), labels=3)
 
 
 def _nees_of(record: Record) -> Nees | None:

@@ -127,4 +127,5 @@ def _nees_if_any(result: Run, sequence: Sequence) -> Nees | None:
 def _resolved(prior: str, workspace: Path) -> str:
     """The prior's specification with a file in the study's folder by its whole path."""
     name, _, argument = prior.partition(":")
-    return f"{name}:{workspace / argument}" if argument and (workspace / argument).is_file() else prior
+    file = argument.partition("?")[0]
+    return f"{name}:{workspace / argument}" if file and (workspace / file).is_file() else prior

@@ -3,43 +3,106 @@ import json
 import numpy as np
 import pytest
 
-from eval.arms import write_device
+from eval.arms import BASE, Arm, write_device
 from eval.errors import StudyError
-from eval.preset import POINTS, RENDERED, SimPreset
-from eval.sources import PointsFlight, Recording, RenderedFlight
+from eval.preset import FULL, PRESETS, QUICK, STANDARD, Block, Preset
+from eval.progress import Ledger
+from eval.regimes import Setting, outage
+from eval.sources import Flight, PointsFlight, degradations, to_render
 from navcore.prior import load_prior
+from sim.degrade import Schedule
+from sim.degrade.schedule import KINDS, SCENE
 from sim.imu import GRADES
+from sim.platforms import DIFFICULTIES, PLATFORMS
+
+ARMS = {"none", "constant", "truth"}
 
 
-@pytest.fixture(scope="module")
-def planned(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("preset")
-    return folder, SimPreset(seeds=3).study(folder)
+@pytest.fixture(scope="module", params=PRESETS)
+def planned(request, tmp_path_factory):
+    """A preset, its folder and its study; two seeds each stand for all."""
+    preset = PRESETS[request.param]
+    few = Preset(preset.name, preset.blocks, seeds=2, rendered_seeds=2)
+    folder = tmp_path_factory.mktemp(request.param)
+    return few, folder, few.study(folder)
+
+
+def regimes(preset):
+    return {(b.regime.name, b.images): b for b in preset.blocks}
 
 
 def test_every_seed_condition_and_arm_is_there_once(planned):
-    _, study = planned
-    names = [(c.scene, c.condition, c.seed, c.arm) for c in study.cells]
-    assert len(set(names)) == len(names) == 3 * len(RENDERED) + 4 * 3 * len(POINTS)
-    assert {c.arm for c in study.cells} == {"none", "constant", "truth", "none, reseeded"}
-    assert study.base == "none"
+    preset, _, study = planned
+    names = [(c.platform, c.regime, c.condition, c.seed, c.arm) for c in study.cells]
+    expected = sum(2 * len(b.platforms) * len(b.regime.conditions) * (len(ARMS) + b.chance) for b in preset.blocks)
+    assert len(set(names)) == len(names) == expected
+    assert study.base == BASE
 
 
-def test_arms_of_a_seed_see_the_same_recording_but_for_the_reseeded_one(planned):
-    _, study = planned
-    for condition in POINTS:
-        found = {
-            c.arm: c.source for c in study.cells if (c.seed, c.condition, c.scene) == (2, condition.name, "points")
-        }
-        assert found["none"] == found["truth"] == found["constant"]
-        assert found["none, reseeded"] != found["none"]
-        assert found["none, reseeded"].seed == found["none"].seed
+def test_each_claim_stands_beside_none_constant_and_truth(planned):
+    _, _, study = planned
+    arms = {}
+    for c in study.cells:
+        arms.setdefault((c.platform, c.regime, c.condition, c.seed), {})[c.arm] = c
+    for found in arms.values():
+        assert set(found) - {"none, reseeded"} == ARMS
+        assert found["none"].source == found["truth"].source == found["constant"].source
+        if "none, reseeded" in found:
+            again = found["none, reseeded"].source
+            assert again != found["none"].source and again.flight == found["none"].source.flight
+    for platform in {c.platform for c in study.cells if "points" in c.platform and "quadrotor" in c.platform}:
+        assert any("none, reseeded" in a for key, a in arms.items() if key[0] == platform)
 
 
-def test_the_constant_arm_knows_only_other_recordings(planned):
-    folder, study = planned
+def test_every_degradation_lies_in_its_flight_and_leaves_time_to_recover(planned):
+    _, _, study = planned
+    for c in study.cells:
+        flight = c.source.flight if isinstance(c.source, PointsFlight) else to_render(c.source).flight
+        spans = degradations(c.source)
+        assert all(d.end_s + 5.0 <= flight.seconds for d in spans), c.title
+        assert c.level is None or bool(spans) == (c.level != 0.0) or "features" in c.axis
+
+
+def test_a_flight_is_rendered_once_for_all_that_is_done_to_its_images(planned):
+    preset, folder, study = planned
+    ledger = Ledger(study.cells, [c.key({}) for c in study.cells], folder, None)
+    settings = {
+        (platform, seed, c.setting.flight(platform, seed), str(Schedule.parse(c.setting.degrade).in_camera))
+        for b in preset.blocks if b.images for platform in b.platforms for seed in (1, 2)
+        for c in b.regime.conditions
+    }  # fmt: skip
+    assert len(ledger.films) == len(settings)
+    assert all(kind == "motion_blur" for film in ledger.films for kind in {d.kind for d in degradations(film)})
+
+
+def test_the_presets_ask_where_a_prior_can_matter():
+    """Starts in motion, vision that is wrong, still and straight, cheap IMUs, outages early and late."""
+    for preset in (STANDARD, FULL):
+        blocks = [b for b in preset.blocks if not b.images]
+        conditions = [c for b in blocks for c in b.regime.conditions]
+        assert {c.setting.features for c in conditions if c.setting.moving_start} >= {100, 12}
+        assert any("moving_objects" in c.setting.degrade for c in conditions)
+        assert any(c.setting.difficulty == "easy" and "blackout" in c.setting.degrade for c in conditions)
+        assert {c.setting.imu for c in conditions} == set(GRADES)
+        assert {c.setting.difficulty for c in conditions} == set(DIFFICULTIES)
+        for name in ("outage, early", "outage, late"):
+            block = regimes(preset)[name, False]
+            assert [c.level for c in block.regime.conditions] == [0.0, 5.0, 10.0, 20.0, 30.0]
+            assert block.platforms == tuple(PLATFORMS) and block.chance
+    full = " ".join(c.setting.degrade for b in FULL.blocks for c in b.regime.conditions)
+    assert all(kind in full for kind in KINDS) and all(f"{kind}:5" in full for kind in SCENE)
+
+
+def test_quick_is_small_and_has_enough_seeds_for_an_interval():
+    assert QUICK.seeds == 6 and QUICK.rendered_seeds == 1
+    cells = [b for b in QUICK.blocks if b.images]
+    assert len(cells) == 1 and len(cells[0].regime.conditions) == 4
+
+
+def test_the_constant_arm_knows_only_other_recordings(tmp_path):
+    study = Preset("one", (Block(outage("outage", 1.0, (1.0,), Setting(8.0))),), 1, 0).study(tmp_path)
     spec = next(c.prior for c in study.cells if c.arm == "constant")
-    (file,) = folder.glob("device-*.json")
+    (file,) = tmp_path.glob("device-*.json")
     assert spec == f"constant:{file.name}"
     device = load_prior(f"constant:{file}").device()
     assert device is not None
@@ -47,56 +110,23 @@ def test_the_constant_arm_knows_only_other_recordings(planned):
     expected = np.repeat([imu.gyroscope.turn_on, imu.accelerometer.turn_on], 3)
     np.testing.assert_allclose(np.sqrt(np.diag(device.covariance)), expected, rtol=0.4)
     assert np.all(np.abs(device.vector) < 4.0 * expected / np.sqrt(40))
-    truths = [PointsFlight("quadrotor", 1.0, seed).load(folder).truth for seed in range(1001, 1041)]
-    np.testing.assert_allclose(device.b_g, np.mean([t.b_g[0] for t in truths], axis=0))
-    assert write_device(folder, "quadrotor", range(1001, 1041)) == file.name
-    assert write_device(folder, "quadrotor", range(1002, 1042)) != file.name
+    flights = [PointsFlight(Flight("quadrotor", 1.0, seed)).load(tmp_path).truth for seed in range(1001, 1041)]
+    np.testing.assert_allclose(device.b_g, np.mean([t.b_g[0] for t in flights], axis=0))
+    assert write_device(tmp_path, "adis16448", range(1001, 1041)) == file.name
+    assert write_device(tmp_path, "adis16448", range(1002, 1042)) != file.name
+    assert write_device(tmp_path, "cheap", range(1001, 1041)) != file.name
     assert set(json.loads(file.read_text())) == {"b_g", "b_a", "covariance"}
 
 
-def test_sizes_that_cannot_be_are_named(tmp_path):
-    with pytest.raises(StudyError, match="seeds 0"):
-        SimPreset(seeds=0).study(tmp_path)
-    with pytest.raises(StudyError, match="seeds 2000"):
-        SimPreset(seeds=2000).study(tmp_path)
-    with pytest.raises(StudyError, match=r"^seconds is 30.0; .* at least 50"):
-        SimPreset(seconds=30.0).study(tmp_path)
-    with pytest.raises(StudyError, match=r"^rendered_seconds is 30.0; .* at least 35"):
-        SimPreset(rendered_seconds=30.0).study(tmp_path)
+@pytest.mark.parametrize(("seeds", "rendered"), [(0, 1), (1001, 1), (1, -1), (1, 1001)])
+def test_sizes_that_cannot_be_are_named(tmp_path, seeds, rendered):
+    with pytest.raises(StudyError, match=f"seeds {seeds}, rendered seeds {rendered}; allowed is up to 1000"):
+        Preset("bad", QUICK.blocks, seeds, rendered).study(tmp_path)
     with pytest.raises(StudyError, match="12 or more"):
-        write_device(tmp_path, "quadrotor", range(3))
+        write_device(tmp_path, "adis16448", range(3))
 
 
-def test_a_points_flight_is_degraded_on_the_same_motion(tmp_path):
-    clean = PointsFlight("quadrotor", 4.0, 1).load(tmp_path)
-    dark = PointsFlight("quadrotor", 4.0, 1, "blackout@1-2").load(tmp_path)
-    other = PointsFlight("quadrotor", 4.0, 1, noise_seed=1).load(tmp_path)
-    np.testing.assert_array_equal(clean.truth.p_WB, dark.truth.p_WB)
-    np.testing.assert_array_equal(clean.imu.gyro, dark.imu.gyro)
-    np.testing.assert_array_equal(clean.truth.p_WB, other.truth.p_WB)
-    assert not np.array_equal(clean.imu.gyro, other.imu.gyro)
-    seen = [len(f.tracks[0]) for f in dark.frames]
-    assert max(seen[21:39]) == 0 < min(seen[:19])
-
-
-def test_a_rendered_flight_is_made_once_and_read_back(tmp_path, monkeypatch):
-    from eval import sources
-
-    made = []
-
-    def record(platform, seconds, seed, out, *, degrade):
-        made.append(degrade)
-        monkeypatch.undo()
-        sources.record(platform, seconds, seed, out, degrade=degrade, mode="points")  # images take long
-
-    monkeypatch.setattr(sources, "record", record)
-    flight = RenderedFlight.of("quadrotor", 3.0, 1, "blackout@1-2")
-    with pytest.raises(StudyError, match="was not made"):
-        flight.load(tmp_path)
-    flight.make(tmp_path)
-    flight.make(tmp_path)
-    assert made == ["blackout@1-2"]
-    sequence = flight.load(tmp_path)
-    assert sequence.truth is not None and len(sequence.frames) > 50
-    assert len(Recording(str(flight.folder(tmp_path))).load(tmp_path).imu) == len(sequence.imu)
-    assert RenderedFlight.of("quadrotor", 3.0, 2).folder(tmp_path) != flight.folder(tmp_path)
+def test_an_arm_is_reseeded_only_if_it_says_so():
+    flight = PointsFlight(Flight("quadrotor", 1.0, 1))
+    assert Arm("none", "none").reseeded(flight) is flight
+    assert Arm("other", "none", noise_seed=3).reseeded(flight).noise_seed == 3

@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -43,7 +44,7 @@ def test_the_page_holds_the_numbers_of_the_tables(folder, page):
             for text in row:
                 assert f">{text}<" in page
     (pair,) = paired(outcome.records, "none")
-    assert pair.median is not None and f"better −{100.0 * (1.0 - pair.median):.0f} % (" in page
+    assert pair.median is not None and f">−{100.0 * (1.0 - pair.median):.0f} % (" in page
     assert "14 done, 1 failed" in page
 
 
@@ -58,11 +59,14 @@ def test_the_page_needs_no_network_and_says_what_is_text_as_text(page):
 def test_the_figures_are_json_without_nan_and_show_every_run(folder, page):
     text = re.search(r"const FIGURES = (\{.*\});\n", page).group(1)
     shown = json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} in the page"))
-    assert set(shown) == {"ate-0", "ratios", "paths-0", "biases-0", "health-0"}
-    marks = [t for t in shown["ate-0"]["data"] if not t["showlegend"]]
+    assert set(shown) == {"ate-fake-tests", "ratios-fake-tests", "paths-0", "biases-0", "health-0"}
+    places = set(re.findall(r'data-figure="([^"]+)"', page))
+    assert places == {"ate-fake-tests", "ratios-fake-tests"}
+    marks = [t for t in shown["ate-fake-tests"]["data"] if not t["showlegend"]]
+    assert {text for t in marks for text in t["text"]} == {f"fake {seed}" for seed in range(1, 8)}
     ates = sorted(r.scores["ate_m"] for r in load(folder).records if r.failure is None)
     np.testing.assert_allclose(sorted(y for t in marks for y in t["y"]), ates, rtol=1e-4)
-    assert [len(t["x"]) for t in shown["ratios"]["data"] if not t["showlegend"]] == [6]
+    assert [len(t["x"]) for t in shown["ratios-fake-tests"]["data"] if not t["showlegend"]] == [6]
     names = [t["name"] for t in shown["paths-0"]["data"]]
     assert names == [figures.GROUND_TRUTH, "none", "better"]
     assert {t["xaxis"] for t in shown["biases-0"]["data"]} == {f"x{k}" for k in range(1, 7)}
@@ -70,29 +74,36 @@ def test_the_figures_are_json_without_nan_and_show_every_run(folder, page):
 
 def test_pictures_lie_beside_the_page(folder, page):
     assert page
-    for name in ("ate-fake.png", "ratios.png", "biases.png", "paths.png"):
-        assert (folder / name).read_bytes()[:4] == b"\x89PNG"
+    for name in ("ate-fake-tests.png", "ratios-fake-tests.png", "biases.png", "paths.png"):
+        assert (folder / "figures" / name).read_bytes()[:4] == b"\x89PNG"
 
 
 def test_the_headline_says_how_sure_it_is(folder):
     records = load(folder).records
     (line,) = headlines(paired(records, "none"))
-    expected = r"fake, clean, ATE against none: better −\d\d % \(−\d\d % … −\d\d %, 6 seeds\)\."
+    expected = (
+        r"better: ATE −\d\d % against none in the middle of 1 conditions; the whole interval is better"
+        r" in 1, worse in 0; 0 runs diverged against 0\."
+    )
     assert re.fullmatch(expected, line)
-    (line,) = headlines(paired([r for r in records if r.config["seed"] < 4], "none"))
-    assert "(3 seeds, too few for an interval)" in line
-    assert headlines(paired([r for r in records if r.config["seed"] < 2], "none")) == []
+    again = [replace(r, config=r.config | {"regime": "shared"}) for r in records]
+    assert headlines(paired([*records, *again], "none")) == [line]
+    assert headlines(paired([r for r in records if r.config["seed"] < 4], "none")) == []
 
 
 def test_the_table_of_failures_names_cell_and_message(folder):
-    (row,) = failure_table(load(folder)).rows
-    assert row[1] == "RuntimeError: <b>no luck</b>" and "seed 7" in row[0]
+    outcome = load(folder)
+    (row,) = failure_table(outcome).rows
+    assert row[0] == "1" and "fake 7" in row[1] and row[2] == "RuntimeError: <b>no luck</b>"
+    broken = replace(outcome, missing=("one", "two"), errors=("a worker died",))
+    rows = failure_table(broken).rows
+    assert rows[1:] == (("2", "one", "was not run"), ("–", "outside a cell", "a worker died"))
 
 
 def test_only_groups_that_are_known_whole_are_judged(folder):
     table = consistency_table(load(folder).records)
-    assert [row[2] for row in table.rows] == ["none"]  # of `better` one run is missing
-    assert float(table.rows[0][4]) == pytest.approx(1.0, abs=0.15)
+    assert [row[3] for row in table.rows] == ["none"]  # of `better` one run is missing
+    assert float(table.rows[0][5]) == pytest.approx(1.0, abs=0.15)
 
 
 def test_terminal_tables_show_brackets(folder):
@@ -120,3 +131,27 @@ def test_a_folder_without_a_study_is_named(tmp_path):
     (tmp_path / "study.json").write_text("[1]")
     with pytest.raises(StudyError, match="not the list of a study"):
         load(tmp_path)
+
+
+def leveled(seed, arm, condition, level, draw):
+    return replace(cell(seed, arm, draw=draw), regime="outage", condition=condition, level=level, axis="length [s]")
+
+
+def test_conditions_stand_on_their_axis_in_order_and_arms_have_room(tmp_path):
+    """Cells of the longer outage come first; in the figure their place decides."""
+    cells = [leveled(1, arm, f"{level:g} s", level, 7 * k) for level in (20.0, 5.0) for k, arm in enumerate("ab")]
+    run_study(Study("leveled", tuple(cells), "a"), tmp_path, workers=1)
+    records = load(tmp_path).records
+    figure = figures.ate_by_condition(list(records), ["a", "b"])
+    axis = figure["layout"]["xaxis"]
+    assert axis["tickvals"] == [5.0, 20.0] and axis["ticktext"] == ["5", "20"]
+    assert axis["title"]["text"] == "length [s]"
+    for trace in figure["data"]:
+        assert trace["mode"] == "lines+markers" and trace["x"] == sorted(trace["x"])
+        assert all(abs(x - at) < 2.0 for x, at in zip(trace["x"], (5.0, 20.0), strict=True))
+    texts = figure["layout"]["yaxis"]["ticktext"]
+    assert "0.02" in texts and "1" in texts
+    none = [replace(r, config=r.config | {"axis": "", "level": None}) for r in records]
+    bare = figures.ate_by_condition(none, ["a", "b"])
+    assert bare["layout"]["xaxis"]["ticktext"] == ["20 s", "5 s"] and "title" not in bare["layout"]["xaxis"]
+    assert all(trace["mode"] == "markers" for trace in bare["data"])

@@ -1,0 +1,160 @@
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eval import images
+from eval.benchmark import Benchmark
+from eval.cells import Study
+from eval.errors import StudyError
+from eval.report import write_report
+from eval.sources import Degraded, Recording, degradations
+from eval.study import run_study
+from navcore.calibration import Calibration, CameraMount
+from navcore.camera import PinholeRadtan
+from navcore.readers import open_sequence
+from navcore.sequence import Frame, ImageArray
+from navcore.trajectory import Trajectory
+from sim.degrade import degrade_sequence
+from sim.degrade.spec import Spec
+from sim.errors import ConfigError
+from sim.output import write_recording
+from tests.eval.fakes import FakeFlight
+
+WIDTH, HEIGHT = 64, 48
+SPEC = Spec(
+    "mine",
+    7,
+    3.0,
+    {
+        "clean": "",
+        "low_light-2": "low_light:2@35%-65%",
+        "low_light-5": "low_light:5@35%-65%",
+        "low_light-4-late": "low_light:4@70%-95%",
+        "outage-2": "blackout@15%+2",
+        "outage-20": "blackout@15%+20",
+        "night": "low_light:3@30%-70%, jpeg:3@30%-70%",
+    },
+)
+
+
+def write(folder, name, seed, biases=True):
+    """Ten seconds of small images, with truth."""
+    flight = FakeFlight(seed, 10.0).load(folder)
+    rng = np.random.default_rng(seed)
+    frames = [
+        Frame(f.t_ns, {0: ImageArray(rng.integers(60, 200, (HEIGHT, WIDTH)).astype(np.uint8))})
+        for f in flight.frames[::5]
+    ]
+    camera = PinholeRadtan(WIDTH, HEIGHT, 50.0, 50.0, 0.5 * (WIDTH - 1), 0.5 * (HEIGHT - 1))
+    calibration = Calibration(flight.calibration.imu, (CameraMount(camera, np.eye(4)),))
+    t = flight.truth
+    truth = t if biases else Trajectory(t.t_ns, t.q_WB, t.p_WB, t.v_WB)
+    write_recording(replace(flight, frames=frames, calibration=calibration, truth=truth), folder / name)
+    return folder / name
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two recordings, the second one without biases in its truth."""
+    folder = tmp_path_factory.mktemp("recordings")
+    write(folder, "one", 1)
+    write(folder, "two", 2, biases=False)
+    return folder
+
+
+def test_a_cell_stands_where_its_kind_and_time_say(folder, tmp_path):
+    study, left_out = Benchmark(SPEC, (folder / "one",)).study(tmp_path)
+    found = {(c.regime, c.condition): (c.level, c.axis) for c in study.cells}
+    assert found == {
+        ("clean", "clean"): (None, ""),
+        ("low light, 35%-65%", "clean"): (0.0, "severity"),
+        ("low light, 35%-65%", "low_light-2"): (2.0, "severity"),
+        ("low light, 35%-65%", "low_light-5"): (5.0, "severity"),
+        ("low light, 70%-95%", "clean"): (0.0, "severity"),
+        ("low light, 70%-95%", "low_light-4-late"): (4.0, "severity"),
+        ("blackout from 15%", "clean"): (0.0, "length of the outage [s]"),
+        ("blackout from 15%", "outage-2"): (2.0, "length of the outage [s]"),
+        ("several at once", "clean"): (None, ""),
+        ("several at once", "night"): (None, ""),
+    }
+    assert len(left_out) == 1 and left_out[0].startswith("one, outage-20 is left out: mine, outage-20: blackout")
+    assert len(study.cells) == 2 * len(found) and study.name == "Benchmark mine"
+
+
+def test_all_arms_see_the_recording_and_truth_only_where_it_knows_biases(folder, tmp_path):
+    device = tmp_path / "device.json"
+    device.write_text(json.dumps({"b_g": [0, 0, 0], "b_a": [0, 0, 0], "covariance": [1e-4] * 6}))
+    prior = f"constant:{device}"
+    chosen = Benchmark(SPEC, (folder / "one", folder / "two"), ("low_light-5",), (prior,))
+    study, _ = chosen.study(tmp_path / "study")
+    arms = {(c.source.name, c.arm) for c in study.cells}
+    assert arms == {("one", "none"), ("one", "truth"), ("one", prior), ("two", "none"), ("two", prior)}
+    assert {(c.source.name, c.seed) for c in study.cells} == {("one", 1), ("two", 2)}
+    (kept,) = {c.prior for c in study.cells if c.arm == prior}
+    assert (tmp_path / "study" / kept.removeprefix("constant:")).read_bytes() == device.read_bytes()
+    device.write_text(device.read_text().replace("0.0001", "0.0002"))
+    changed, _ = chosen.study(tmp_path / "study")
+    assert kept not in {c.prior for c in changed.cells}
+
+
+def test_images_are_those_of_the_same_benchmark_on_disk(folder, tmp_path):
+    study, _ = Benchmark(SPEC, (folder / "one",), ("low_light-5",)).study(tmp_path)
+    source = next(c.source for c in study.cells if c.condition == "low_light-5")
+    assert isinstance(source, Degraded) and isinstance(source.clean, Recording) and source.seed == SPEC.seed
+    (span,) = degradations(source)
+    assert (span.kind, span.severity) == ("low_light", 5)
+    sequence = open_sequence(folder / "one")
+    schedule = SPEC.schedule("low_light-5", (sequence.frames[-1].t_ns - sequence.frames[0].t_ns) * 1e-9)
+    expected = degrade_sequence(sequence, schedule, SPEC.seed)
+    for a, b in zip(source.load(tmp_path).frames, expected.frames, strict=True):
+        np.testing.assert_array_equal(a.images[0].load(), b.images[0].load())
+
+
+def test_the_study_runs_and_its_report_shows_the_recordings(folder, tmp_path):
+    plan, _ = Benchmark(SPEC, (folder / "one", folder / "two"), ("low_light-*",)).study(tmp_path)
+    fakes = tuple(replace(c, estimator="tests.eval.fakes:make") for c in plan.cells)
+    outcome = run_study(Study(plan.name, fakes), tmp_path, workers=1)
+    assert not outcome.failures and not outcome.missing and not outcome.errors
+    conditions = 1 + 3  # the clean recording is run once for both regimes
+    assert len(list((tmp_path / "cells").iterdir())) == 2 * conditions + conditions
+    assert [r.config["recording"] for r in outcome.records[:2]] == ["one", "one"]
+    page = write_report(outcome, tmp_path).read_text(encoding="utf-8")
+    assert "low light, 35%-65%" in page and "Benchmark mine" in page
+    shown = images.samples(outcome.records, tmp_path)
+    assert shown[0].condition == "recordings, low light, 35%-65%, clean"
+    assert len({s.source for s in shown}) == len(shown) == 4
+
+
+def test_what_cannot_be_run_is_named(folder, tmp_path):
+    with pytest.raises(ConfigError, match="cell 'fog-9' is not in mine"):
+        Benchmark(SPEC, (folder / "one",), ("fog-9",)).study(tmp_path)
+    with pytest.raises(ConfigError, match=r"outage-20: .* needs"):
+        Benchmark(SPEC, (folder / "one",), ("outage-20",)).study(tmp_path)
+    with pytest.raises(StudyError, match=r"nothing to run on 1 recordings: one, outage-20 is left out"):
+        Benchmark(SPEC, (folder / "one",), ("outage-20*",)).study(tmp_path)
+    with pytest.raises(StudyError, match="another recording is called one too"):
+        Benchmark(SPEC, (folder / "one", folder / "one" / "mav0")).study(tmp_path)
+    blind = FakeFlight(1, 4.0).load(tmp_path)
+    write_recording(replace(blind, frames=()), tmp_path / "blind")
+    with pytest.raises(StudyError, match="no images to degrade"):
+        Benchmark(SPEC, (tmp_path / "blind",)).study(tmp_path)
+
+
+def test_the_command_says_what_is_wrong(folder, tmp_path):
+    command = [
+        sys.executable,
+        "-m",
+        "eval",
+        "benchmark",
+        str(folder / "one"),
+        "--cell",
+        "fog-9",
+        "--out",
+        str(tmp_path),
+    ]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode == 1 and "error: cell 'fog-9' is not in v1" in result.stderr
