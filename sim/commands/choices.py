@@ -6,7 +6,7 @@ from tyro.extras import literal_type_from_choices
 
 from sim.imu import GRADES
 from sim.platforms import DIFFICULTIES, PLATFORMS
-from sim.world.layout import SCENES
+from sim.world import SCENES
 
 if TYPE_CHECKING:
     PlatformName = str

@@ -16,7 +16,7 @@ from sim.points.tracks import follow
 from sim.points.view import Landmarks, View
 from sim.rig import euroc_like
 from sim.streams import Streams
-from sim.world.layout import make_layout
+from sim.world import make_layout
 
 LANDMARKS = 3000
 FIRST_FRAME_S = 0.1013  # the frames lie between IMU samples, as on rigs without a common trigger

@@ -1,6 +1,9 @@
-"""Worlds to move through: their geometry, their look, their light."""
+"""Worlds to move through: their geometry, their look, their light, and what moves in them."""
 
-from sim.world.layout import SCENES, Layout, make_layout
+from sim.world.layout import Layout
+from sim.world.movers import Mover, make_movers
 from sim.world.scene import Scene, build
+from sim.world.scenes import SCENES, make_layout
+from sim.world.switches import Switches
 
-__all__ = ["SCENES", "Layout", "Scene", "build", "make_layout"]
+__all__ = ["SCENES", "Layout", "Mover", "Scene", "Switches", "build", "make_layout", "make_movers"]

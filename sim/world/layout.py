@@ -1,56 +1,77 @@
-"""The geometry of a room: walls, floor, ceiling and clutter, as boxes and the rectangles one sees of them."""
+"""The geometry of a world: an enclosing box, the blocks in it, and where its light comes from."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from navcore.arrays import Floats, Vectors
-from sim.errors import ConfigError
+from sim.world.block import Block, Triple, first_hit
+from sim.world.look import PAINTED, Look
+from sim.world.surface import Surface, sides
 
-ROOM_SIZE = (10.0, 8.0, 4.0)
-"""Room along x, y, z [m]; x and y are centred on the origin of W, the floor is z = 0."""
+LAMP_HALF = (0.3, 0.3, 0.1)
+"""Half sizes of a lamp [m]."""
 
-_CRATES = 14
-_LAMPS = 4
-_LAMP_HALF = (0.3, 0.3, 0.1)  # m
-_RING = 0.95  # m, how far clutter may stand out from the walls: the flying box begins behind it
-
-
-@dataclass(frozen=True)
-class Block:
-    """A solid box, axis-aligned: centre and half sizes [m] in W."""
-
-    centre: tuple[float, float, float]
-    half: tuple[float, float, float]
+_UNDER_LAMP = 0.02  # m
+_FLUSH = 1e-6  # m
 
 
 @dataclass(frozen=True)
 class Layout:
-    """A room and what stands in it."""
+    """An enclosing box and what is in it.
 
-    size: tuple[float, float, float]
-    blocks: tuple[Block, ...]
-    lamp_places: tuple[tuple[float, float], ...]
+    Attributes:
+        low, high: corners of the box [m] in W.
+        blocks: what stands in it.
+        lamp_places: where lamps hang [m]: the middles of their undersides.
+        floor, walls, ceiling: how the box looks from inside.
+        sun: unit vector towards the sun, if that is the light.
+        way: (P, 3) m, where the body goes; surfaces far from it need less detail.
+    """
+
+    low: Triple
+    high: Triple
+    blocks: tuple[Block, ...] = ()
+    lamp_places: tuple[Triple, ...] = ()
+    floor: Look = PAINTED
+    walls: Look = PAINTED
+    ceiling: Look = PAINTED
+    sun: Triple | None = None
+    way: Vectors = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
+
+    @property
+    def diagonal(self) -> float:
+        """The longest way [m] that light can go in it."""
+        return float(np.linalg.norm(np.subtract(self.high, self.low)))
+
+    @property
+    def lights(self) -> int:
+        """How many can be told apart: the lamps, or the sun."""
+        return len(self.lamp_places) if self.sun is None else 1
 
     def landmarks(self, n: int, rng: np.random.Generator) -> tuple[Vectors, Vectors]:
-        """Points (n, 3) m spread evenly over all surfaces, and the normals (n, 3) there, into the air."""
-        corners, edges_u, edges_v = (np.array(x) for x in zip(*self.rectangles(), strict=True))
-        normals = np.cross(edges_u, edges_v)
-        area = np.linalg.norm(normals, axis=1)
-        which = rng.choice(len(area), size=n, p=area / area.sum())
+        """Points (n, 3) m on the surfaces, and the normals (n, 3) there, into the air.
+
+        They are spread as detail is: evenly where it is seen from near, thinner far away, none in the sky.
+        """
+        solid = [s for s in self.surfaces if not s.look.shines]
+        corners, edges_u, edges_v, normals = (
+            np.array([getattr(s, name) for s in solid]) for name in ("corner", "edge_u", "edge_v", "normal")
+        )
+        weight = np.array([s.area * s.texels_per_m**2 for s in solid])
+        which = rng.choice(len(weight), size=n, p=weight / weight.sum())
         s = rng.uniform(size=(n, 2))
         points = corners[which] + s[:, :1] * edges_u[which] + s[:, 1:] * edges_v[which]
-        return points, (normals / area[:, None])[which]
+        return points, normals[which]
 
     def lamps(self) -> Vectors:
         """(L, 3) m: where the light comes from, just under the lamps."""
-        return np.array([(x, y, self.size[2] - 2.0 * _LAMP_HALF[2] - 0.02) for x, y in self.lamp_places])
+        return np.array(self.lamp_places).reshape(-1, 3) - [0.0, 0.0, _UNDER_LAMP]
 
     def distance(self, start: Vectors, direction: Vectors) -> Floats:
         """(N,) m: how far rays from (N, 3) m along unit directions (N, 3) go until they hit anything."""
-        half = 0.5 * np.array(self.size)
-        centre = np.array([0.0, 0.0, half[2]])
+        half, centre = 0.5 * np.subtract(self.high, self.low), 0.5 * np.add(self.high, self.low)
         with np.errstate(divide="ignore", invalid="ignore"):
             exits = np.where(direction != 0.0, (np.sign(direction) * half - (start - centre)) / direction, np.inf)
         free: Floats = np.minimum(exits.min(axis=1), self.clutter_distance(start, direction))
@@ -58,73 +79,21 @@ class Layout:
 
     def clutter_distance(self, start: Vectors, direction: Vectors) -> Floats:
         """(N,) m: the same for the clutter alone, infinite where a ray misses it."""
-        nearest = np.full(len(start), np.inf)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = 1.0 / direction
-            for block in self.blocks:
-                a = (np.array(block.centre) - block.half - start) * inverse
-                b = (np.array(block.centre) + block.half - start) * inverse
-                enter, leave = np.fmin(a, b).max(axis=1), np.fmax(a, b).min(axis=1)
-                hit = (enter < leave) & (enter > 0.0)
-                nearest = np.where(hit, np.minimum(nearest, enter), nearest)
-        return nearest
+        return first_hit(self.blocks, start, direction)
 
-    def rectangles(self) -> list[tuple[Floats, Floats, Floats]]:
-        """Corner and two edges of every rectangle; edge u x edge v points into the air."""
-        w, d, h = self.size
-        room = _sides(np.array([0.0, 0.0, 0.5 * h]), 0.5 * np.array([w, d, h]))
-        inwards = [(corner, v, u) for corner, u, v in room]
-        return inwards + [r for b in self.blocks for r in _sides(np.array(b.centre), np.array(b.half))]
+    @cached_property
+    def corners(self) -> tuple[Vectors, Vectors]:
+        """The lower and the upper corners (B, 3) m of the blocks."""
+        both = np.array([(b.low, b.high) for b in self.blocks]).reshape(-1, 2, 3)
+        return both[:, 0], both[:, 1]
 
-
-def _sides(centre: Floats, half: Floats) -> list[tuple[Floats, Floats, Floats]]:
-    """The six sides of a box, normals outwards."""
-    sides = []
-    for axis in range(3):
-        u = 2.0 * half * np.eye(3)[(axis + 1) % 3]
-        v = 2.0 * half * np.eye(3)[(axis + 2) % 3]
-        out = half * np.eye(3)[axis]
-        middle = centre - 0.5 * (u + v)
-        sides += [(middle + out, u, v), (middle - out, v, u)]
-    return sides
-
-
-def make_layout(scene: str, path: Vectors, rng: np.random.Generator) -> Layout:
-    """A world of a kind around a path; the same generator state gives the same world.
-
-    Args:
-        scene: one of `SCENES`.
-        path: (N, 3) m in W, where the body goes: nothing stands in its way.
-        rng: draws it.
-
-    Raises:
-        ConfigError: an unknown scene (the message lists the known ones).
-    """
-    if scene not in SCENES:
-        raise ConfigError(f"scene {scene!r} is unknown; known are {sorted(SCENES)}")
-    return SCENES[scene](path, rng)
-
-
-def _room(path: Vectors, rng: np.random.Generator) -> Layout:
-    """A room with crates and pillars along its walls and lamps under its ceiling."""
-    w, d, h = ROOM_SIZE
-    blocks = []
-    for _ in range(_CRATES):
-        half = np.array([rng.uniform(0.15, 0.45), rng.uniform(0.15, 0.45), rng.uniform(0.15, 0.9)])
-        if rng.random() < 0.25:
-            half[:2], half[2] = rng.uniform(0.12, 0.2), 0.5 * h  # a pillar
-        along_x = rng.random() < w / (w + d)
-        depth = rng.uniform(0.0, max(0.0, _RING - 2.0 * half[1 if along_x else 0]))
-        side = rng.choice([-1.0, 1.0])
-        if along_x:
-            x, y = rng.uniform(-0.5 * w + half[0], 0.5 * w - half[0]), side * (0.5 * d - half[1] - depth)
-        else:
-            x, y = side * (0.5 * w - half[0] - depth), rng.uniform(-0.5 * d + half[1], 0.5 * d - half[1])
-        blocks.append(Block((float(x), float(y), float(half[2])), (float(half[0]), float(half[1]), float(half[2]))))
-    lamps = tuple((float(rng.uniform(-0.4 * w, 0.4 * w)), float(rng.uniform(-0.4 * d, 0.4 * d))) for _ in range(_LAMPS))
-    blocks += [Block((x, y, h - _LAMP_HALF[2]), _LAMP_HALF) for x, y in lamps]
-    return Layout(ROOM_SIZE, tuple(blocks), lamps)
-
-
-SCENES: dict[str, Callable[[Vectors, np.random.Generator], Layout]] = {"room": _room}
-"""Makers of layouts by scene: (path, rng)."""
+    @cached_property
+    def surfaces(self) -> tuple[Surface, ...]:
+        """All that can be seen: the box from inside, then the blocks, but for sides flush against the box."""
+        low, high = np.array(self.low), np.array(self.high)
+        whole = sides(low, high, (*4 * (self.walls,), self.ceiling, self.floor), inwards=True)
+        for block in self.blocks:
+            flush = np.stack([np.abs(block.high - high), np.abs(block.low - low)], axis=1).ravel() < _FLUSH
+            faces = sides(block.low, block.high, 6 * (block.look,))
+            whole += [s for s, hidden in zip(faces, flush, strict=True) if not hidden]
+        return tuple(p for k, s in enumerate(whole) for p in replace(s, whole=k).panels(self.way))

@@ -7,7 +7,7 @@ from sim.imu import GRADES
 from sim.motion import EPOCH_NS, Motion
 from sim.radiance import LINEAR_MAX
 from sim.rig import euroc_like
-from sim.world.layout import Layout, make_layout
+from sim.world import Layout, make_layout
 from sim.world.scene import build
 
 MOUNT = euroc_like(GRADES["adis16448"].noise).cameras[0]

@@ -6,7 +6,7 @@ from navcore.readers import open_sequence
 from sim.__main__ import main
 from sim.imu import GRADES
 from sim.platforms import DIFFICULTIES, PLATFORMS
-from sim.world.layout import SCENES
+from sim.world import SCENES
 
 
 def call(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:

@@ -5,7 +5,7 @@ from sim import simulate_motion
 from sim.errors import ConfigError
 from sim.motion import Motion
 from sim.platforms.quadrotor import QuadrotorFlight
-from sim.world.layout import ROOM_SIZE
+from sim.world.scenes.room import SIZE as ROOM_SIZE
 
 
 def test_it_stands_still_then_takes_off_and_flies(flight: Motion) -> None:
@@ -49,7 +49,7 @@ def test_a_start_in_motion_begins_in_full_flight() -> None:
 
 
 def test_bad_requests_are_refused_with_what_is_allowed() -> None:
-    with pytest.raises(ConfigError, match=r"'boat' is unknown; known are \['quadrotor'\]"):
+    with pytest.raises(ConfigError, match=r"'boat' is unknown; known are \['handheld', 'quadrotor', 'rover'\]"):
         simulate_motion("boat")
     with pytest.raises(ConfigError, match="expected more than 0"):
         simulate_motion("quadrotor", 0.0)
