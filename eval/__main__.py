@@ -77,8 +77,8 @@ def study(
 def benchmark(
     recordings: tyro.conf.Positional[tuple[Path, ...]],
     spec: str = "v1",
-    cell: tuple[str, ...] = (),
-    prior: tuple[str, ...] = (),
+    cell: tyro.conf.UseAppendAction[tuple[str, ...]] = (),
+    prior: tyro.conf.UseAppendAction[tuple[str, ...]] = (),
     out: Path | None = None,
     scheduler: str | None = None,
     workers: int | None = None,
@@ -88,8 +88,8 @@ def benchmark(
     Args:
         recordings: ASL folders or bags; their images are degraded when they are loaded.
         spec: the benchmark, by name or the path of its file.
-        cell: which cells, by name or pattern such as `low_light-*`; all without it.
-        prior: further arms beside `none` and, where truth has biases, `truth`: `constant:FILE.json`.
+        cell: which cells, by name or pattern such as `low_light-*`, again for more; all without it.
+        prior: further arms beside `none` and, where truth has biases, `truth`: `constant:FILE.json`; again for more.
         out: its folder, results/SPEC by default; a study that was stopped goes on there.
         scheduler: address of a Dask scheduler; a local cluster is started without one.
         workers: processes of the local cluster, one for each core by default.

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from eval.errors import StudyError
-from eval.sources import Flight, PointsFlight
+from eval.flights import Flight, PointsFlight
 from navcore.arrays import Floats
 
 BASE = "none"

@@ -15,7 +15,7 @@ from eval.errors import StudyError
 from navcore.sequence import Sequence
 
 _DISTRIBUTIONS = ("msckf-ipnet", "numpy", "scipy", "opencv-python-headless", "mujoco")
-_SCORING = ("alignment.py", "metrics.py", "consistency.py", "records.py", "sources.py", "work.py")
+_SCORING = ("alignment.py", "metrics.py", "consistency.py", "records.py", "flights.py", "sources.py", "work.py")
 """The files of this package that decide what a result says; the others only show it."""
 
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from eval.cells import Source
 from eval.errors import EvalError
+from eval.flights import RenderedFlight
 from eval.records import Record
-from eval.sources import Degraded, Recording, RenderedFlight, degradations, restored
+from eval.sources import Degraded, Recording, degradations, restored
 from navcore.errors import NavcoreError
 from sim.errors import SimError
 

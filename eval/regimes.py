@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from eval.sources import Flight, PointsFlight
+from eval.flights import Flight, PointsFlight
 from sim.degrade.schedule import MAX_SEVERITY
 from sim.imu import GRADES
 from sim.platforms import DIFFICULTIES

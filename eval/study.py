@@ -17,9 +17,10 @@ from distributed.client import Future
 
 from eval.cells import Cell, Source, Study, versions
 from eval.errors import StudyError
+from eval.flights import IMAGE_BYTES, RenderedFlight
 from eval.outcome import Index, Outcome, load
 from eval.progress import Ledger, Progress
-from eval.sources import IMAGE_BYTES, RenderedFlight, to_render
+from eval.sources import to_render
 from eval.work import run_cells
 from eval.workplace import Workplace
 

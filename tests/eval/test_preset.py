@@ -5,10 +5,11 @@ import pytest
 
 from eval.arms import BASE, Arm, write_device
 from eval.errors import StudyError
+from eval.flights import Flight, PointsFlight
 from eval.preset import FULL, PRESETS, QUICK, STANDARD, Block, Preset
 from eval.progress import Ledger
 from eval.regimes import Setting, outage
-from eval.sources import Flight, PointsFlight, degradations, to_render
+from eval.sources import degradations, to_render
 from navcore.prior import load_prior
 from sim.degrade import Schedule
 from sim.degrade.schedule import KINDS, SCENE

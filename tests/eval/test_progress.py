@@ -6,8 +6,9 @@ from rich.console import Console
 
 from eval import records
 from eval.bar import expectation, study_bar
+from eval.flights import Flight, RenderedFlight
 from eval.progress import Ledger, Progress
-from eval.sources import Flight, RenderedFlight, rendered
+from eval.sources import rendered
 from tests.eval.test_study import cell
 
 

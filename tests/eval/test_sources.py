@@ -9,10 +9,11 @@ from threading import Thread
 import numpy as np
 import pytest
 
-from eval import sources
+from eval import flights
 from eval.cells import described
 from eval.errors import StudyError
-from eval.sources import Degraded, Flight, PointsFlight, Recording, RenderedFlight, rendered, restored, to_render
+from eval.flights import Flight, PointsFlight, RenderedFlight
+from eval.sources import Degraded, Recording, rendered, restored, to_render
 from sim.errors import ConfigError
 from tests.eval.processes import wait_until
 
@@ -76,7 +77,7 @@ def test_a_rendered_flight_is_made_once_and_degraded_when_it_is_read(workspace):
 def test_a_rendering_that_is_killed_is_nowhere_and_goes_on(workspace, tmp_path):
     """Cut by SIGKILL after twelve images; those are kept, and the folder comes out as if nothing had happened."""
     script = (
-        "import os, signal, sys; from pathlib import Path; from eval.sources import Flight, RenderedFlight\n"
+        "import os, signal, sys; from pathlib import Path; from eval.flights import Flight, RenderedFlight\n"
         "def cut(done, total): done == 12 and os.kill(os.getpid(), signal.SIGKILL)\n"
         "RenderedFlight.of(Flight('quadrotor', 1.0, 1)).make(Path(sys.argv[1]), cut)"
     )
@@ -99,7 +100,7 @@ def test_a_rendering_that_is_killed_is_nowhere_and_goes_on(workspace, tmp_path):
 
 
 def test_two_that_render_the_same_flight_wait_for_each_other(tmp_path, monkeypatch):
-    monkeypatch.setattr(sources, "_BUSY_S", 0.05)
+    monkeypatch.setattr(flights, "_BUSY_S", 0.05)
     film = RenderedFlight.of(SHORT)
     folder = film.folder(tmp_path)
     partial = folder.with_name(folder.name + ".partial")
