@@ -6,6 +6,7 @@ import numpy as np
 
 from navcore.arrays import Floats, Image, Stamps, Vectors
 from navcore.calibration import CameraMount
+from sim.camera.lens import rays_of
 from sim.camera.render import COARSE, FINE, SceneCamera
 from sim.motion import Motion
 from sim.world.layout import Layout
@@ -64,15 +65,16 @@ class Shutter:
         poses = self.poses(np.linspace(low_ns, high_ns, _PROBES).astype(np.int64))
         points = self._points_seen(poses[_PROBES // 2])
         p_CF = (points - poses[:, None, :3, 3]) @ poses[:, :3, :3]
-        uv = self.mount.camera.project(p_CF)
-        steps = np.linalg.norm(np.diff(uv, axis=0), axis=2)
-        return float(steps.sum(axis=0).max())
+        uv, seen = self.mount.camera.project(p_CF), self.mount.camera.unfolded(p_CF)
+        steps = np.linalg.norm(np.diff(uv, axis=0), axis=2) * (seen[1:] & seen[:-1])
+        return float(steps.sum(axis=0).max(initial=0.0))
 
     def _points_seen(self, T_WC: Floats) -> Vectors:
         camera = self.mount.camera
         u = np.linspace(_BORDER, camera.width - 1 - _BORDER, _GRID[0])
         v = np.linspace(_BORDER, camera.height - 1 - _BORDER, _GRID[1])
-        rays_W = camera.unproject(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)) @ T_WC[:3, :3].T
+        rays = rays_of(camera, np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
+        rays_W = rays[~np.isnan(rays[:, 0])] @ T_WC[:3, :3].T
         start = np.tile(T_WC[:3, 3], (len(rays_W), 1))
         points: Vectors = start + self.layout.distance(start, rays_W)[:, None] * rays_W
         return points
