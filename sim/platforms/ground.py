@@ -28,17 +28,20 @@ class Ground:
         white = np.fft.rfft2(rng.standard_normal((_SIDE, _SIDE)))
         waves = white * np.sqrt(density) / _CELL
         slopes = 2.0j * np.pi * n_x * waves, 2.0j * np.pi * n_y * waves
-        heights = [np.fft.irfft2(w, (_SIDE, _SIDE)) for w in (waves, *slopes)]
-        self._cells = np.stack(heights, axis=-1).reshape(-1, 3)
+        here = np.stack([np.fft.irfft2(w, (_SIDE, _SIDE)) for w in (waves, *slopes)], axis=-1)
+        east, north = (np.roll(here, -1, axis) - here for axis in (1, 0))
+        both = np.roll(east, -1, 0) - east
+        self._cells = np.stack([here, east, north, both], axis=2).reshape(-1, 4, 3)
 
     def at(self, x: Floats, y: Floats) -> Floats:
-        """(..., 3): height [m] and its slopes along x and y, at x and y (...) m; linear between the cells."""
+        """(..., 3): height [m] and its slopes along x and y, at x and y (...) m; smooth also between the cells."""
         column, row = np.floor(x / _CELL), np.floor(y / _CELL)
         a, b = (x / _CELL - column)[..., None], (y / _CELL - row)[..., None]
-        j, i = column.astype(np.int64), row.astype(np.int64)
-        west, east = j % _SIDE, (j + 1) % _SIDE
-        south, north = i % _SIDE * _SIDE, (i + 1) % _SIDE * _SIDE
-        sw, se, nw, ne = (self._cells.take(k, axis=0) for k in (south + west, south + east, north + west, north + east))
-        low = sw + a * (se - sw)
-        there: Floats = low + b * (nw + a * (ne - nw) - low)
+        cell = row.astype(np.int64) % _SIDE * _SIDE + column.astype(np.int64) % _SIDE
+        here, east, north, both = np.moveaxis(self._cells.take(cell, axis=0), -2, 0)
+        east, north = east + b * both, north + a * both
+        there: Floats = here + a * east + b * (north - a * both)
+        # Heights go straight from cell to cell; how the slopes differ says how much they bend away from that.
+        bend = a * (1.0 - a) * east[..., 1:2] + b * (1.0 - b) * north[..., 2:3]
+        there[..., :1] -= 0.5 * _CELL * bend
         return there

@@ -63,7 +63,7 @@ def carry(seconds: float, rng: np.random.Generator, walk: HandheldWalk, moving_s
 
 def _hand(course: Course, walk: HandheldWalk, dt_s: float, rng: np.random.Generator) -> Floats:
     """(N, 7): position [m] in W and attitude (wxyz) of the hand, every `dt_s`."""
-    t = np.arange(round(course.seconds / dt_s) + 1) * dt_s
+    t = np.arange(round(course.seconds / dt_s) + 1, dtype=np.float64) * dt_s
     beside = hand_of(np.clip(course.speed(t), 0.0, None), dt_s, walk.holding, rng)
     held = _rise((t - walk.rest_s) / _LIFT_S)[:, None]
     heading = course.heading(t)

@@ -22,6 +22,7 @@ _CONTROL_EVERY = 10  # physics steps
 _SETTLE_S = 3.0  # the springs come to rest before time begins
 _SHARPEST = 0.6  # m, the least radius that the front wheels allow
 _MOVING_START_S = 6.0  # of driving that is thrown away for a start in motion
+_MOST_ROUGHNESS = 1e-3  # m^3: heights of 3 cm
 _PLANES = int(mujoco.mjtState.mjSTATE_MOCAP_POS | mujoco.mjtState.mjSTATE_MOCAP_QUAT)
 _DRIVEN = int(mujoco.mjtState.mjSTATE_CTRL) | _PLANES
 
@@ -39,7 +40,6 @@ class RoverDrive:
             raise ConfigError(f"roughness is {self.roughness} m^3, expected 0 to {_MOST_ROUGHNESS}")
 
 
-_MOST_ROUGHNESS = 1e-3  # heights of 3 cm
 _ROOM = (2.7, 1.6)  # m, half of where goals lie
 DRIVES = {
     "easy": RoverDrive(Going(_ROOM, 0.6, 0.75, 0.5, 0.3), 4e-6),

@@ -1,4 +1,6 @@
+from collections.abc import Callable
 from copy import copy
+from types import ModuleType
 
 import mujoco
 import numpy as np
@@ -9,8 +11,11 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from navcore.imu import GRAVITY
 from sim.errors import ConfigError
 from sim.motion import EPOCH_NS, Motion
+from sim.platforms import handheld, quadrotor, rover
 from sim.platforms.physics import Physics
-from sim.platforms.quadrotor import MODEL
+
+Begin = Callable[[mujoco.MjModel, mujoco.MjData], None]
+DRIVEN = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_MOCAP_POS | mujoco.mjtState.mjSTATE_MOCAP_QUAT)
 
 _BODY = """<mujoco><option gravity="0 0 -9.81"/><worldbody><body><freejoint/>
 <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></worldbody></mujoco>"""
@@ -42,16 +47,44 @@ def test_specific_force_and_rate_agree_with_mujoco_inverse_dynamics() -> None:
         np.testing.assert_allclose(motion.omega_B[k], data.qvel[3:], atol=1e-6)
 
 
-def test_specific_force_and_rate_agree_with_mujoco_sensors_of_the_quadrotor() -> None:
-    model = mujoco.MjModel.from_xml_path(str(MODEL))
-    data = mujoco.MjData(model)
+def quadrotor_in_flight(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     data.qpos[2], data.qvel[:] = 5.0, (1.0, -0.5, 0.2, 0.5, -0.7, 0.3)
     data.ctrl[:16] = (3.1, 2.9, 3.0, 2.95, *np.linspace(-0.8, 0.8, 12))
     data.act[:] = 2.9
-    physics = Physics(model, copy(data), 0.4)
-    physics.advance(np.tile(data.ctrl, (400, 1)))
+
+
+def handheld_pulled_aside(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    data.qvel[:] = 0.1, -0.2, 0.1, 0.2, -0.3, 0.1
+    data.mocap_pos[0] += 0.004, -0.002, 0.006
+    data.mocap_quat[0] = 1.0, 0.004, -0.006, 0.01
+
+
+def rover_setting_off_on_slopes(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    mujoco.mj_forward(model, data)
+    for i in range(model.nmocap):
+        data.mocap_pos[i, :2] = data.body(f"wheel{i}").xpos[:2]
+        data.mocap_quat[i] = 1.0, 0.01 * i, 0.02 - 0.01 * i, 0.0
+    data.ctrl[:] = 0.4, 0.5, 8.0, 10.0
+
+
+@pytest.mark.parametrize(
+    ("platform", "begin"),
+    [
+        pytest.param(quadrotor, quadrotor_in_flight, id="quadrotor"),
+        pytest.param(handheld, handheld_pulled_aside, id="handheld"),
+        pytest.param(rover, rover_setting_off_on_slopes, id="rover"),
+    ],
+)
+def test_specific_force_and_rate_agree_with_mujoco_sensors(platform: ModuleType, begin: Begin) -> None:
+    model = mujoco.MjModel.from_xml_path(str(platform.MODEL))
+    data = mujoco.MjData(model)
+    begin(model, data)
+    driven = np.empty(mujoco.mj_stateSize(model, DRIVEN))
+    mujoco.mj_getState(model, data, driven, DRIVEN)
+    physics = Physics(model, copy(data), 0.4, DRIVEN)
+    physics.advance(np.tile(driven, (400, 1)))
     motion, sensed = physics.motion(), []
-    model.opt.disableflags = 0
+    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
     for _ in range(401):
         mujoco.mj_forward(model, data)
         sensed.append(data.sensordata.copy())
