@@ -21,6 +21,7 @@ EUROC = euroc_like(GRADES["adis16448"].noise).cameras[0].camera
 FISHEYE = PinholeEquidistant(320, 260, 190.98, 190.97, 164.9, 126.9, (0.0034, 0.0007, -0.0021, 0.0002))
 WIDE = PinholeEquidistant(512, 512, 190.978, 190.973, 254.932, 256.897, (0.00348, 0.000715, -0.00205, 0.000203))
 CIRCLE = PinholeEquidistant(200, 180, 60.0, 60.0, 99.5, 89.5, (-0.08, 0.0, 0.0, 0.0))  # turns back at 1.36 * 60 px
+BARREL = PinholeRadtan(200, 180, 100.0, 100.0, 99.5, 89.5, (-0.3, 0.0, 0.0, 0.0))  # at 0.70 * 100 px
 
 BALL = 0.015  # m
 
@@ -162,12 +163,13 @@ def test_a_room_looks_the_same_however_the_picture_is_cut(furnished: Scene, monk
     assert max(off[s - 1 : s + 1].max() for s in seams) < 2.0 * np.median(off)
 
 
-def test_what_the_lens_does_not_see_is_black(furnished: Scene) -> None:
-    with SceneCamera(furnished, CIRCLE) as eye:
+@pytest.mark.parametrize("camera", [CIRCLE, BARREL], ids=["fisheye", "radial"])
+def test_what_the_lens_does_not_see_is_black(furnished: Scene, camera: Camera) -> None:
+    with SceneCamera(furnished, camera) as eye:
         image = eye.linear_image(pose((-1.9, 0.3, -0.3), (0.5, -0.4, 1.4)))
-    u, v = np.meshgrid(np.arange(200.0), np.arange(180.0))
-    radius = np.hypot(u - CIRCLE.cx, v - CIRCLE.cy)
-    turns_back = 60.0 * np.sqrt(1.0 / 0.24) * (2.0 / 3.0)  # px
+    u, v = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height)))
+    radius = np.hypot(u - camera.cx, v - camera.cy)
+    turns_back = camera.fx * np.sqrt(-1.0 / (3.0 * camera.distortion[0])) * (2.0 / 3.0)  # px
     assert np.all(image[radius > turns_back + 1.0] == 0)
     assert np.all(image[radius < turns_back - 1.0] > 0)
 
