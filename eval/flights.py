@@ -31,7 +31,7 @@ Rendering = Callable[[int, int], None]
 _MOTION_S = 0.018  # a second of flight
 _POINTS_S = 0.006  # the same, its tracks
 _POINTS_RUN_S = 0.0035  # a frame
-_RENDER_S, _BLUR_S = 0.045, 0.09  # a frame
+_RENDER_S, _BLUR_S = 0.085, 0.2  # a frame
 IMAGE_RUN_S = 0.010  # a frame, with its decoding
 
 _BUSY_S = 5.0  # between two looks at a flight that another process renders
