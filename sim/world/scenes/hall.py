@@ -75,9 +75,10 @@ def _set_racks(plan: Plan, rng: np.random.Generator) -> None:
 
 
 def _set_machines(plan: Plan, rng: np.random.Generator) -> None:
-    """Boxes of some metres, most with a smaller one on top, half of them beside the path."""
+    """Boxes of some metres, most with a smaller one on top, half of them beside the path, higher where it is high."""
+    tallest = max(1.3, 0.4 * (plan.way.high[2] - plan.low[2]))
     for k in range(_MACHINES):
-        half = np.array([rng.uniform(0.4, 1.2), rng.uniform(0.4, 1.2), rng.uniform(0.4, 1.3)])
+        half = np.array([rng.uniform(0.4, 1.2), rng.uniform(0.4, 1.2), rng.uniform(0.4, tallest)])
         x, y = plan.near(rng, (1.0, 4.0)) if k % 2 else plan.anywhere(rng)
         base = Block(triple((x, y, plan.low[2] + half[2])), triple(half), MACHINE)
         upper = half * rng.uniform(0.3, 0.8, 3)

@@ -91,10 +91,11 @@ def _set_containers(plan: Plan, rng: np.random.Generator) -> None:
 
 
 def _plant_trees(plan: Plan, rng: np.random.Generator) -> None:
-    """A trunk, and a crown of three boxes."""
+    """A trunk, and a crown of three boxes; higher trees where the path is high."""
+    tallest = max(3.0, 0.7 * (plan.way.high[2] - plan.low[2]))
     for _ in range(_TREES):
-        x, y = plan.near(rng, (1.0, 12.0))
-        thick, height, crown = rng.uniform(0.1, 0.2), rng.uniform(1.8, 3.0), rng.uniform(0.6, 1.3)
+        x, y = plan.near(rng, (1.0, 9.0))
+        thick, height, crown = rng.uniform(0.1, 0.2), rng.uniform(1.8, tallest), rng.uniform(0.6, 1.3)
         floor = plan.low[2]
         trunk = Block.between((x - thick, y - thick, floor), (x + thick, y + thick, floor + height), BOARDS)
         parts, z = [trunk], floor + height

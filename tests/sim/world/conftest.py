@@ -15,3 +15,9 @@ def paths(flight: Motion) -> dict[str, Vectors]:
     long = np.array([30.0, -12.0, 2.5]) + [9.0, 6.0, 3.5] * waves
     level = np.array([-4.0, 9.0, 1.4]) + [1.8, 2.5, 0.2] * waves
     return {"flight": flight.p_WB, "long": long, "level": level}
+
+
+@pytest.fixture
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few texels: for tests in which how a scene looks does not matter."""
+    monkeypatch.setattr("sim.world.surface._TEXELS_PER_M", (5.0, 25.0))
