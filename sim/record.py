@@ -18,7 +18,7 @@ from sim.platforms import simulate_motion
 from sim.points import IMU_GRADE, frame_seconds, frame_stamps, simulate_points
 from sim.rig import euroc_like
 from sim.streams import Streams
-from sim.world import build, make_layout
+from sim.world import check_scene, make_scene
 
 Mode = Literal["images", "points", "imu"]
 """Rendered images, tracks of landmarks, or no vision at all."""
@@ -36,6 +36,11 @@ class _Vision(TypedDict):
     scene: str
 
 
+class _Living(TypedDict):
+    movers: int
+    switching: bool
+
+
 @contextmanager
 def filmed(
     platform: str = "quadrotor",
@@ -48,6 +53,8 @@ def filmed(
     difficulty: str = "medium",
     imu: str = IMU_GRADE,
     scene: str = "room",
+    movers: int = 0,
+    switching: bool = False,
 ) -> Iterator[Sequence]:
     """A recording whose images are rendered when they are loaded, as long as the context is open.
 
@@ -61,6 +68,8 @@ def filmed(
         difficulty: easy, medium or difficult motion.
         imu: its grade.
         scene: what is around.
+        movers: how many things move through the scene on paths of their own.
+        switching: the scene's lamps go out and on.
 
     Raises:
         ConfigError: an unknown platform, scene or degradation, or a value out of range.
@@ -71,11 +80,12 @@ def filmed(
     rate_hz = calibration.cameras[0].rate_hz
     request = Request.parse(degrade)
     schedule = request.schedule(frame_seconds(seconds, rate_hz))
+    check_scene(scene)
     gl.make_context(16, 16).free()  # where there is none, that is said before anything is simulated
     motion = simulate_motion(platform, seconds, seed, moving_start, difficulty)
     streams = Streams.of(seed)
     samples, truth = simulate_imu(motion, device, streams.imu)
-    world = build(make_layout(scene, motion.p_WB, streams.world), streams.world)
+    world = make_scene(scene, motion, streams.world, movers, switching)
     stamps = frame_stamps(motion, rate_hz)
     with Film(motion, calibration, world, stamps, schedule.in_camera, streams.vision) as film:
         clean = Sequence(f"{platform}-{scene}-seed{seed}", calibration, samples, film.frames, truth)
@@ -111,6 +121,8 @@ def record(
     difficulty: str = "medium",
     imu: str = IMU_GRADE,
     scene: str = "room",
+    movers: int = 0,
+    switching: bool = False,
     format: Format = "asl",
     progress: Progress | None = None,
 ) -> None:
@@ -121,6 +133,7 @@ def record(
     Args:
         out: the folder to make; it must be new or empty.
         mode: see `Mode`; without vision `degrade`, `cameras` and `scene` have no meaning.
+        movers, switching: as for `filmed`; with images only.
         format: EuRoC's layout, or a bag; tracks cannot be a bag.
         progress: gets the number of images done and of all.
         platform, seconds, seed, degrade, moving_start, cameras, difficulty, imu, scene: as for `filmed`.
@@ -131,11 +144,14 @@ def record(
     """
     body: _Body = {"moving_start": moving_start, "difficulty": difficulty, "imu": imu}
     vision: _Vision = {"degrade": degrade, "cameras": cameras, "scene": scene}
-    asked = {"platform": platform, "seconds": seconds, "seed": seed, "mode": mode, **body, **vision}
+    living: _Living = {"movers": movers, "switching": switching}
+    asked = {"platform": platform, "seconds": seconds, "seed": seed, "mode": mode, **body, **vision, **living}
     _check(mode, degrade, format)
+    if mode != "images" and (movers or switching):
+        raise ConfigError(f"things that move and lamps that switch need images; mode is {mode!r}")
     check_request(out, format, asked)
     if mode == "images":
-        with filmed(platform, seconds, seed, **body, **vision) as sequence:
+        with filmed(platform, seconds, seed, **body, **vision, **living) as sequence:
             write_recording(sequence, out, format=format, origin=asked, progress=progress)
         return
     if mode == "points":

@@ -24,7 +24,7 @@ from sim.platforms import simulate_motion
 from sim.points import IMU_GRADE, frame_stamps
 from sim.rig import euroc_like
 from sim.streams import Streams
-from sim.world import Layout, build, make_layout
+from sim.world import Layout, make_scene
 
 KINDS = tuple(kind for kind in GRADED if kind not in STREAM)
 """Kinds that act on tracks."""
@@ -157,8 +157,7 @@ def rendered_clip(start_s: float, seconds: float, seed: int = 1) -> Clip:
     calibration = euroc_like(device.noise)
     streams = Streams.of(seed)
     samples, truth = simulate_imu(motion, device, streams.imu)
-    layout = make_layout("room", motion.p_WB, streams.world)
-    scene = build(layout, streams.world)
+    scene = make_scene("room", motion, streams.world)
     rate_hz = calibration.cameras[0].rate_hz
     stamps = frame_stamps(motion, rate_hz)[round(start_s * rate_hz) :][: round(seconds * rate_hz)]
     if len(stamps) < 2:
@@ -169,7 +168,7 @@ def rendered_clip(start_s: float, seconds: float, seed: int = 1) -> Clip:
         with Film(motion, calibration, scene, stamps, schedule, np.random.default_rng(seed)) as film:
             return _in_memory(Sequence("flight", calibration, samples, film.frames, truth))
 
-    return Clip(filmed(0), _Scene(motion, calibration.cameras[0], layout, stamps).flow, filmed)
+    return Clip(filmed(0), _Scene(motion, calibration.cameras[0], scene.layout, stamps).flow, filmed)
 
 
 def _in_memory(sequence: Sequence) -> Sequence:

@@ -10,6 +10,7 @@ from sim.camera.lens import rays_of
 from sim.camera.render import COARSE, FINE, SceneCamera
 from sim.motion import Motion
 from sim.world.layout import Layout
+from sim.world.movers import Mover
 
 MAX_STEP_PX = 2.0
 """How far any point of the image may move between two sub-frames."""
@@ -28,6 +29,7 @@ class Shutter:
     motion: Motion
     mount: CameraMount
     layout: Layout
+    movers: tuple[Mover, ...] = ()
 
     def expose(self, camera: SceneCamera, t_ns: int, exposure_s: float) -> Image:
         """(height, width) uint16 linear radiance, the mean over an exposure centred at `t_ns`.
@@ -35,11 +37,11 @@ class Shutter:
         Exposures are cut at the ends of the motion.
         """
         if exposure_s == 0.0:
-            return camera.linear_image(self.poses(np.array([t_ns]))[0], FINE)
+            return camera.linear_image(self.poses(np.array([t_ns]))[0], FINE, self._seconds(t_ns))
         stamps = self.sub_stamps(t_ns, exposure_s)
         total = np.zeros((self.mount.camera.height, self.mount.camera.width), dtype=np.float32)
-        for T_WC in self.poses(stamps):
-            total += camera.linear_image(T_WC, FINE if len(stamps) == 1 else COARSE)
+        for T_WC, stamp in zip(self.poses(stamps), stamps.tolist(), strict=True):
+            total += camera.linear_image(T_WC, FINE if len(stamps) == 1 else COARSE, self._seconds(stamp))
         mean: Image = np.rint(total / len(stamps)).astype(np.uint16)
         return mean
 
@@ -60,10 +62,16 @@ class Shutter:
         T_WC: Floats = T_WB @ self.mount.T_BC
         return T_WC
 
+    def _seconds(self, t_ns: int) -> float:
+        return (t_ns - self.motion.start_ns) * 1e-9
+
     def _movement(self, low_ns: int, high_ns: int) -> float:
         """Length of the longest way [px] that a point of the scene goes in the image."""
-        poses = self.poses(np.linspace(low_ns, high_ns, _PROBES).astype(np.int64))
-        points = self._points_seen(poses[_PROBES // 2])
+        stamps = np.linspace(low_ns, high_ns, _PROBES).astype(np.int64)
+        poses = self.poses(stamps)
+        still = np.tile(self._points_seen(poses[_PROBES // 2]), (_PROBES, 1, 1))
+        t_s = (stamps - self.motion.start_ns) * 1e-9
+        points = np.concatenate([still, *(mover.corners(t_s) for mover in self.movers)], axis=1)
         p_CF = (points - poses[:, None, :3, 3]) @ poses[:, :3, :3]
         uv, seen = self.mount.camera.project(p_CF), self.mount.camera.unfolded(p_CF)
         steps = np.linalg.norm(np.diff(uv, axis=0), axis=2) * (seen[1:] & seen[:-1])

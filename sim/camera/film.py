@@ -78,7 +78,7 @@ class Film:
             self._cameras[camera] = SceneCamera(self._scene, self._mounts[camera].camera)
         t_ns = int(self._stamps[index])
         severity = self._schedule.severity("motion_blur", (t_ns - int(self._stamps[0])) * 1e-9)
-        shutter = Shutter(self._motion, self._mounts[camera], self._scene.layout)
+        shutter = Shutter(self._motion, self._mounts[camera], self._scene.layout, self._scene.movers)
         linear = shutter.expose(self._cameras[camera], t_ns, EXPOSURE_S[severity])
         rng = np.random.default_rng(self._seeds[camera][index])
         return self._sensors[camera].develop(linear, 1.0, rng)

@@ -4,7 +4,7 @@ import cv2
 import mujoco
 import numpy as np
 
-from navcore.arrays import Floats, Image
+from navcore.arrays import Floats, Image, Mask
 from navcore.camera import Camera
 from sim.camera.atlas import Atlas, Pane
 from sim.camera.faces import faces_of
@@ -30,7 +30,7 @@ class SceneCamera:
         faces = faces_of(camera)
         self._atlases = {fine: Atlas(camera, faces, fine) for fine in (COARSE, FINE)}
         width, height = (max(getattr(x, side) for x in self._atlases.values()) for side in ("width", "height"))
-        self._model = scene.model
+        self._scene, self._model = scene, scene.model
         self._model.vis.global_.offwidth, self._model.vis.global_.offheight = width, height
         self._pixels = np.empty(width * height * 3, dtype=np.uint8)
         self._gl = make_context(width, height)
@@ -40,6 +40,8 @@ class SceneCamera:
         self._drawn = mujoco.MjvScene(self._model, maxgeom=self._model.ngeom + 1)
         for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
             self._drawn.flags[flag] = False
+        self._lit: Mask | None = None
+        mujoco.mj_forward(self._model, self._data)
         self._update()
 
     def __enter__(self) -> "SceneCamera":
@@ -53,10 +55,11 @@ class SceneCamera:
         self._context.free()
         self._gl.free()
 
-    def linear_image(self, T_WC: Floats, fine: float = FINE) -> Image:
-        """(height, width) uint16, radiance from 0 to `LINEAR_MAX`, seen from the pose T_WC (4, 4)."""
+    def linear_image(self, T_WC: Floats, fine: float = FINE, t_s: float = 0.0) -> Image:
+        """(height, width) uint16, radiance from 0 to `LINEAR_MAX`, seen from the pose T_WC (4, 4) at a time."""
         atlas = self._atlases[fine]
         self._gl.make_current()
+        self._come_to(t_s)
         for pane in atlas.panes:
             self._aim(T_WC, pane)
             rectangle = mujoco.MjrRect(pane.left, pane.bottom, pane.width, pane.height)
@@ -65,9 +68,22 @@ class SceneCamera:
         mujoco.mjr_readPixels(pixels, None, mujoco.MjrRect(0, 0, atlas.width, atlas.height), self._context)
         return atlas.bend(decode(cv2.extractChannel(pixels, 0)))
 
+    def _come_to(self, t_s: float) -> None:
+        """Bring what moves to where it is at a time, and light what lamps light then."""
+        if self._scene.movers:
+            self._scene.place(self._data, t_s)
+            self._update()
+        if self._scene.switches is None:
+            return
+        lit = self._scene.light(t_s)
+        if self._lit is None or np.any(lit != self._lit):
+            for texture, rgb in self._scene.relit(lit):
+                first = self._model.tex_adr[texture]
+                self._model.tex_data[first : first + len(rgb)] = rgb
+                mujoco.mjr_uploadTexture(self._model, self._context, texture)
+            self._lit = lit
+
     def _update(self) -> None:
-        """Bring what is drawn to where the bodies of the scene are."""
-        mujoco.mj_forward(self._model, self._data)
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(self._model, self._data, self._option, None, self._anywhere, everything, self._drawn)
 

@@ -27,6 +27,8 @@ class Record:
     difficulty: DifficultyName = "medium"  # how the body moves
     imu: GradeName = IMU_GRADE  # its grade
     scene: SceneName = "room"  # what is around
+    movers: int = 0  # things that move through the scene on paths of their own
+    switch_lamps: bool = False  # the scene's lamps go out and on
     format: Format = "asl"  # EuRoC's layout, or a ROS bag
 
     def run(self, console: Console) -> None:
@@ -44,6 +46,8 @@ class Record:
                 difficulty=self.difficulty,
                 imu=self.imu,
                 scene=self.scene,
+                movers=self.movers,
+                switching=self.switch_lamps,
                 format=self.format,
                 progress=progress,
             )

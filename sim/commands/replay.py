@@ -25,6 +25,8 @@ class Replay:
     recording: tyro.conf.Positional[Path]  # a folder or bag with truth; images are not needed
     out: Path | None = None  # folder to make; new or empty
     scene: SceneName = "room"  # what is around
+    movers: int = 0  # things that move through the scene on paths of their own
+    switch_lamps: bool = False  # the scene's lamps go out and on
     degrade: str = ""  # KIND[:SEVERITY]@START-END,... such as low_light:3@20-35, or a benchmark's cell: v1/night
     seed: int = 1  # of the scene and of all that is random in images
     cameras: int = 1  # how many of the recording's cameras
@@ -50,6 +52,8 @@ class Replay:
             cameras=self.cameras,
             start_s=self.start,
             end_s=self.end,
+            movers=self.movers,
+            switching=self.switch_lamps,
         ) as sequence:
             for line in sequence.notes:
                 console.print(line, markup=False, highlight=False)

@@ -16,7 +16,7 @@ from sim.points.tracks import follow
 from sim.points.view import Landmarks, View
 from sim.rig import euroc_like
 from sim.streams import Streams
-from sim.world import make_layout
+from sim.world import check_scene, make_layout
 
 LANDMARKS = 3000
 FIRST_FRAME_S = 0.1013  # the frames lie between IMU samples, as on rigs without a common trigger
@@ -75,6 +75,7 @@ def simulate_points(
     streams = Streams.of(seed, noise_seed)
     device = grade(imu)
     calibration = euroc_like(device.noise, cameras)
+    check_scene(scene)
     frames_s = frame_seconds(seconds if motion is None else motion.duration_s, calibration.cameras[0].rate_hz)
     request = Request.parse(degrade)
     schedule = request.schedule(frames_s).with_blackouts(tuple(blackouts))

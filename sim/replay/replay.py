@@ -18,7 +18,7 @@ from sim.errors import ConfigError
 from sim.replay.smoothed import SmoothedTruth, smooth_truth
 from sim.replay.stamps import open_recording, regular
 from sim.streams import Streams
-from sim.world import SCENES, build, make_layout
+from sim.world import check_scene, make_scene
 
 _IMU_BEFORE_NS = 100_000_000  # of the samples before the first frame that a clip keeps
 
@@ -33,6 +33,8 @@ def replayed(
     cameras: int = 1,
     start_s: float | None = None,
     end_s: float | None = None,
+    movers: int = 0,
+    switching: bool = False,
 ) -> Iterator[Sequence]:
     """A recording re-rendered: images are rendered when they are loaded, as long as the context is open.
 
@@ -46,6 +48,8 @@ def replayed(
         seed: fixes the scene and all that is random in images.
         cameras: how many of the recording's cameras.
         start_s, end_s: only the part between, in seconds from the first frame whose pose is known.
+        movers: how many things move through the scene on paths of their own.
+        switching: the scene's lamps go out and on.
 
     Raises:
         ConfigError: an unknown scene or degradation, or more cameras than there are.
@@ -65,7 +69,7 @@ def replayed(
     mounts = tuple(replace(mount, dt_cam_imu=0.0) for mount in recording.calibration.cameras[:cameras])
     calibration = Calibration(recording.calibration.imu, mounts)
     streams = Streams.of(seed)
-    world = build(make_layout(scene, path.motion.p_WB, streams.world), streams.world)
+    world = make_scene(scene, path.motion, streams.world, movers, switching)
     notes = (*recording.notes, *path.notes, *lost)
     with Film(path.motion, calibration, world, stamps, schedule.in_camera, streams.vision) as film:
         clean = Sequence(f"{recording.name}-{scene}-seed{seed}", calibration, imu, film.frames, path.truth, notes)
@@ -104,6 +108,5 @@ def _check(recording: Sequence, scene: str, cameras: int, seed: int) -> None:
     available = len(recording.calibration.cameras)
     if not 1 <= cameras <= available:
         raise ConfigError(f"{cameras} cameras were asked for; {recording.name} has {available} with a calibration")
-    if scene not in SCENES:
-        raise ConfigError(f"scene {scene!r} is unknown; known are {sorted(SCENES)}")
+    check_scene(scene)
     Streams.of(seed)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from navcore import so3
 from navcore.arrays import Floats, Vectors
 from sim.errors import ConfigError
 from sim.world.block import Triple, gaps, triple
@@ -74,6 +75,14 @@ class Mover:
         place, velocity = self.loop.at(t_s)
         height = np.full((len(place), 1), self.floor + self.half[2])
         return np.hstack([place, height]), np.arctan2(velocity[:, 1], velocity[:, 0])
+
+    def corners(self, t_s: Floats) -> Vectors:
+        """Its corners (N, 8, 3) m in W at times (N,)."""
+        centres, headings = self.at(t_s)
+        signs = np.stack(np.meshgrid(*3 * ([-1.0, 1.0],)), axis=-1).reshape(-1, 3)
+        R_WM = so3.exp(headings[:, None] * [0.0, 0.0, 1.0])
+        corners: Vectors = centres[:, None] + (signs * self.half) @ np.swapaxes(R_WM, 1, 2)
+        return corners
 
     def clearance(self, t_s: Floats, points: Vectors) -> Floats:
         """(N,) m: how far points (N, 3) are, each at its time (N,), from the cylinder around it."""

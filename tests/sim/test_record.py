@@ -143,7 +143,7 @@ def test_a_bad_request_ends_with_the_valid_choices_before_work_begins(
         raise AssertionError
 
     monkeypatch.setattr("sim.record.gl.make_context", lambda *_: SimpleNamespace(free=lambda: None))
-    monkeypatch.setattr("sim.record.build", worked)
+    monkeypatch.setattr("sim.record.make_scene", worked)
     monkeypatch.setattr("sim.camera.film.Film.image", worked)
     if not {"platform", "difficulty", "scene"} & arguments.keys():  # those are refused by what would do the work
         monkeypatch.setattr("sim.record.simulate_motion", worked)

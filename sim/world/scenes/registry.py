@@ -33,6 +33,15 @@ def make_layout(scene: str, path: Vectors, rng: np.random.Generator) -> Layout:
     Raises:
         ConfigError: an unknown scene (the message lists the known ones), or a path without points.
     """
+    check_scene(scene)
+    return SCENES[scene](Way.of(path), rng)
+
+
+def check_scene(scene: str) -> None:
+    """Raise unless there is such a scene.
+
+    Raises:
+        ConfigError: there is none; the message lists the known ones.
+    """
     if scene not in SCENES:
         raise ConfigError(f"scene {scene!r} is unknown; known are {sorted(SCENES)}")
-    return SCENES[scene](Way.of(path), rng)

@@ -31,16 +31,17 @@ def test_lamps_switch_only_where_there_are_some(flight: Motion) -> None:
 
 def test_images_show_movers_and_lamps_at_their_time_in_any_order(opengl: None) -> None:
     """Frames are the same whichever was loaded before, and differ from those of the still world where they should."""
-    wanted = (10, 60, 20, 110)
+    wanted = (20, 110)
 
     def images(order: tuple[int, ...], **living: int) -> dict[int, np.ndarray]:
-        with filmed("handheld", 6.5, 2, moving_start=True, **living) as sequence:  # type: ignore[arg-type]
-            return {k: sequence.frames[k].images[0].load() for k in order}
+        with filmed("handheld", 6.0, 2, moving_start=True, **living) as sequence:  # type: ignore[arg-type]
+            return {k: sequence.frames[k].images[0].load().astype(int) for k in order}
 
-    still, moving, dim = images(wanted), images(wanted, movers=5), images(wanted, switching=True)
+    still, lively = images(wanted), images(wanted, movers=5, switching=True)
     again = images(wanted[::-1], movers=5, switching=True)
-    both = images(wanted, movers=5, switching=True)
     for k in wanted:
-        np.testing.assert_array_equal(both[k], again[k])
-    assert any(np.count_nonzero(np.abs(moving[k].astype(int) - still[k]) > 30) > 500 for k in wanted)
-    assert len({round(float(dim[k].mean()) - float(still[k].mean())) for k in wanted}) > 1
+        np.testing.assert_array_equal(lively[k], again[k])
+    darker = [still[k].mean() - lively[k].mean() for k in wanted]
+    assert abs(darker[0] - darker[1]) > 1.0
+    shown = [np.abs((lively[k] - lively[k].mean()) - (still[k] - still[k].mean())) > 40 for k in wanted]
+    assert any(np.count_nonzero(x) > 500 for x in shown)
