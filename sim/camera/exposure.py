@@ -67,10 +67,10 @@ class Shutter:
 
     def _movement(self, low_ns: int, high_ns: int) -> float:
         """Length of the longest way [px] that a point of the scene goes in the image."""
-        stamps = np.linspace(low_ns, high_ns, _PROBES).astype(np.int64)
+        stamps: Stamps = np.linspace(low_ns, high_ns, _PROBES).astype(np.int64)
         poses = self.poses(stamps)
         still = np.tile(self._points_seen(poses[_PROBES // 2]), (_PROBES, 1, 1))
-        t_s = (stamps - self.motion.start_ns) * 1e-9
+        t_s: Floats = (stamps - self.motion.start_ns) * 1e-9
         points = np.concatenate([still, *(mover.corners(t_s) for mover in self.movers)], axis=1)
         p_CF = (points - poses[:, None, :3, 3]) @ poses[:, :3, :3]
         uv, seen = self.mount.camera.project(p_CF), self.mount.camera.unfolded(p_CF)
