@@ -70,7 +70,7 @@ class Shutter:
         stamps: Stamps = np.linspace(low_ns, high_ns, _PROBES).astype(np.int64)
         poses = self.poses(stamps)
         still = np.tile(self._points_seen(poses[_PROBES // 2]), (_PROBES, 1, 1))
-        t_s: Floats = (stamps - self.motion.start_ns) * 1e-9
+        t_s = np.asarray((stamps - self.motion.start_ns) * 1e-9, dtype=np.float64)
         points = np.concatenate([still, *(mover.corners(t_s) for mover in self.movers)], axis=1)
         p_CF = (points - poses[:, None, :3, 3]) @ poses[:, :3, :3]
         uv, seen = self.mount.camera.project(p_CF), self.mount.camera.unfolded(p_CF)
