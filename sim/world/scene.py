@@ -21,6 +21,7 @@ _LIGHT_GRID_TEXELS = 30.0  # at which light is worked out
 _COARSEST_LIGHT_M = 0.6
 _MOST_TEXELS = 60e6  # of all textures: 180 MB; a world that would have more is drawn coarser
 _Z_NEAR, _FURTHEST = 0.05, 1.05  # m; of the diagonal
+_ONE_PIECE = 100.0  # m; MuJoCo draws a plane as a mesh of this spacing, which costs a sixth of a frame at 0.1
 _ROUND = 12  # places on a mover's loop at which its light is averaged
 
 
@@ -179,7 +180,7 @@ def _add(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, surface: Surface)
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[*surface.half, 0.1],
+        size=[*surface.half, _ONE_PIECE],
         pos=surface.middle,
         quat=np.roll(so3.to_quaternion(surface.R_WS), 1),
         material=name,
