@@ -35,6 +35,11 @@ def study_bar(console: Console) -> Iterator[Callable[[Progress], None]]:
 def expectation(now: Progress) -> str:
     """What is to be done and how long it takes, in a line."""
     minutes = now.expected_s / 60.0
-    time = f"{minutes / 60.0:.1f} hours" if minutes >= 100.0 else f"{max(1, round(minutes))} minutes"
-    images = f" and {now.all_images} images" if now.all_images else ""
-    return f"{now.all_cells - now.cells} cells{images} to make: about {time} on {now.workers} workers"
+    time = f"{minutes / 60.0:.1f} hours" if minutes >= 100.0 else _counted(max(1, round(minutes)), "minute")
+    images = f" and {_counted(now.all_images, 'image')}" if now.all_images else ""
+    cells, workers = _counted(now.all_cells - now.cells, "cell"), _counted(now.workers, "worker")
+    return f"{cells}{images} to make: about {time} on {workers}"
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -48,6 +48,7 @@ def test_the_bar_says_what_it_will_take_and_how_far_it_is():
     assert expectation(now) == "96 cells and 400 images to make: about 10 minutes on 2 workers"
     long = Progress(0, 100, 0, 0, 0.0, 72000.0, 2)
     assert expectation(long) == "100 cells to make: about 10.0 hours on 2 workers"
+    assert expectation(Progress(0, 1, 0, 0, 0.0, 9.0, 1)) == "1 cell to make: about 1 minute on 1 worker"
     console = Console(file=io.StringIO(), width=120, force_terminal=True, color_system=None)
     with study_bar(console) as show:
         show(now)

@@ -126,8 +126,8 @@ def test_two_that_run_the_same_cell_leave_one_record(tmp_path, monkeypatch):
 
     def overtaken(table, path, **options):
         monkeypatch.setattr(records.pq, "write_table", write)
-        records.write(records.Record(key, "first", {}, {}), tmp_path)
         write(table, path, **options)
+        records.write(records.Record(key, "first", {}, {}), tmp_path)
 
     monkeypatch.setattr(records.pq, "write_table", overtaken)
     records.write(records.Record(key, "second", {}, {}), tmp_path)
