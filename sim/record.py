@@ -11,10 +11,10 @@ from sim.camera import gl
 from sim.camera.film import Film
 from sim.degrade import Request, degrade_sequence
 from sim.errors import ConfigError
+from sim.flights import flight
 from sim.imu import grade, simulate_imu
 from sim.output import Format, Progress, write_recording
 from sim.output.recording import check_request
-from sim.platforms import simulate_motion
 from sim.points import IMU_GRADE, frame_seconds, frame_stamps, simulate_points
 from sim.rig import euroc_like
 from sim.streams import Streams
@@ -28,6 +28,7 @@ class _Body(TypedDict):
     moving_start: bool
     difficulty: str
     imu: str
+    noise_seed: int | None
 
 
 class _Vision(TypedDict):
@@ -55,6 +56,8 @@ def filmed(
     scene: str = "room",
     movers: int = 0,
     switching: bool = False,
+    noise_seed: int | None = None,
+    flights: Path | None = None,
 ) -> Iterator[Sequence]:
     """A recording whose images are rendered when they are loaded, as long as the context is open.
 
@@ -70,6 +73,8 @@ def filmed(
         scene: what is around.
         movers: how many things move through the scene on paths of their own.
         switching: the scene's lamps go out and on.
+        noise_seed: draws IMU, biases and image noise anew over the same motion and world.
+        flights: where motions are kept and found again (`sim.flights`); it changes no byte.
 
     Raises:
         ConfigError: an unknown platform, scene or degradation, or a value out of range.
@@ -82,8 +87,8 @@ def filmed(
     schedule = request.schedule(frame_seconds(seconds, rate_hz))
     check_scene(scene)
     gl.make_context(16, 16).free()  # where there is none, that is said before anything is simulated
-    motion = simulate_motion(platform, seconds, seed, moving_start, difficulty)
-    streams = Streams.of(seed)
+    streams = Streams.of(seed, noise_seed)
+    motion = flight(platform, seconds, seed, moving_start, difficulty, flights)
     samples, truth = simulate_imu(motion, device, streams.imu)
     world = make_scene(scene, motion, streams.world, movers, switching)
     stamps = frame_stamps(motion, rate_hz)
@@ -100,11 +105,14 @@ def felt(
     moving_start: bool = False,
     difficulty: str = "medium",
     imu: str = IMU_GRADE,
+    noise_seed: int | None = None,
+    flights: Path | None = None,
 ) -> Sequence:
     """A recording without cameras: IMU and truth, the same as `filmed` has; arguments and errors as there."""
     device = grade(imu)
-    motion = simulate_motion(platform, seconds, seed, moving_start, difficulty)
-    samples, truth = simulate_imu(motion, device, Streams.of(seed).imu)
+    streams = Streams.of(seed, noise_seed)
+    motion = flight(platform, seconds, seed, moving_start, difficulty, flights)
+    samples, truth = simulate_imu(motion, device, streams.imu)
     return Sequence(f"{platform}-imu-seed{seed}", Calibration(device.noise), samples, (), truth)
 
 
@@ -123,6 +131,8 @@ def record(
     scene: str = "room",
     movers: int = 0,
     switching: bool = False,
+    noise_seed: int | None = None,
+    flights: Path | None = None,
     format: Format = "asl",
     progress: Progress | None = None,
 ) -> None:
@@ -136,13 +146,14 @@ def record(
         movers, switching: as for `filmed`; with images only.
         format: EuRoC's layout, or a bag; tracks cannot be a bag.
         progress: gets the number of images done and of all.
-        platform, seconds, seed, degrade, moving_start, cameras, difficulty, imu, scene: as for `filmed`.
+        platform, seconds, seed, degrade, moving_start, cameras, difficulty, imu, scene, noise_seed, flights: as for
+            `filmed`.
 
     Raises:
         ConfigError: as `filmed` and `write_recording` do.
         RenderError: images are wanted and there is no OpenGL.
     """
-    body: _Body = {"moving_start": moving_start, "difficulty": difficulty, "imu": imu}
+    body: _Body = {"moving_start": moving_start, "difficulty": difficulty, "imu": imu, "noise_seed": noise_seed}
     vision: _Vision = {"degrade": degrade, "cameras": cameras, "scene": scene}
     living: _Living = {"movers": movers, "switching": switching}
     asked = {"platform": platform, "seconds": seconds, "seed": seed, "mode": mode, **body, **vision, **living}
@@ -151,13 +162,13 @@ def record(
         raise ConfigError(f"things that move and lamps that switch need images; mode is {mode!r}")
     check_request(out, format, asked)
     if mode == "images":
-        with filmed(platform, seconds, seed, **body, **vision, **living) as sequence:
+        with filmed(platform, seconds, seed, **body, **vision, **living, flights=flights) as sequence:
             write_recording(sequence, out, format=format, origin=asked, progress=progress)
         return
     if mode == "points":
-        sequence = simulate_points(platform, seconds, seed, **body, **vision)
+        sequence = simulate_points(platform, seconds, seed, **body, **vision, flights=flights)
     else:
-        sequence = felt(platform, seconds, seed, **body)
+        sequence = felt(platform, seconds, seed, **body, flights=flights)
     write_recording(sequence, out, format=format, origin=asked, progress=progress)
 
 

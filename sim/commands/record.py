@@ -20,6 +20,10 @@ class Record:
     platform: PlatformName = "quadrotor"  # which body moves
     seconds: float = 60.0  # length of the recording
     seed: int = 1  # fixes everything that is random
+    noise_seed: int | None = None  # draw IMU, biases and image noise anew over the same motion and world
+    flights: Path | None = (
+        None  # folder in which motions are kept: physics runs once for all noise seeds, grades, scenes
+    )
     degrade: str = ""  # KIND[:SEVERITY]@START-END,... such as low_light:3@20-35, or a benchmark's cell: v1/night
     mode: Mode = "images"  # rendered images, tracks of landmarks, or IMU and truth alone
     start_in_motion: bool = False  # begin in full motion instead of standing still
@@ -48,6 +52,8 @@ class Record:
                 scene=self.scene,
                 movers=self.movers,
                 switching=self.switch_lamps,
+                noise_seed=self.noise_seed,
+                flights=self.flights,
                 format=self.format,
                 progress=progress,
             )

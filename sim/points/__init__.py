@@ -1,5 +1,7 @@
 """Points mode: the flights and IMU of the simulator, with projected landmarks instead of images."""
 
+from pathlib import Path
+
 import numpy as np
 
 from navcore.arrays import Stamps
@@ -7,9 +9,9 @@ from navcore.sequence import Sequence
 from sim.degrade.request import Request
 from sim.degrade.stream import restream
 from sim.errors import ConfigError
+from sim.flights import flight
 from sim.imu import exact_imu, grade, simulate_imu
 from sim.motion import Motion
-from sim.platforms import simulate_motion
 from sim.points.objects import Objects
 from sim.points.seeing import Seeing
 from sim.points.tracks import follow
@@ -44,6 +46,7 @@ def simulate_points(
     scene: str = "room",
     motion: Motion | None = None,
     noise_seed: int | None = None,
+    flights: Path | None = None,
 ) -> Sequence:
     """A recording with tracks, and truth with biases at the IMU's stamps.
 
@@ -66,6 +69,7 @@ def simulate_points(
         scene: what is around.
         motion: one that was simulated before, instead of platform, seconds and moving_start.
         noise_seed: draws IMU and vision anew over the same motion and world.
+        flights: where motions are kept and found again (`sim.flights`); it changes no byte.
 
     Raises:
         ConfigError: an unknown platform, grade, scene or degradation, a degradation beyond the recording, or a
@@ -81,7 +85,7 @@ def simulate_points(
     schedule = request.schedule(frames_s).with_blackouts(tuple(blackouts))
     schedule.check(frames_s)
     if motion is None:
-        motion = simulate_motion(platform, seconds, seed, moving_start, difficulty)
+        motion = flight(platform, seconds, seed, moving_start, difficulty, flights)
     rate_hz = device.noise.rate_hz
     samples, truth = simulate_imu(motion, device, streams.imu) if noisy_imu else exact_imu(motion, rate_hz)
     layout = make_layout(scene, motion.p_WB, streams.world)

@@ -137,7 +137,7 @@ def test_bad_requests_are_refused(flight: Motion) -> None:
 
 
 def test_bad_requests_end_before_anything_is_simulated(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sim.points.simulate_motion", None)
+    monkeypatch.setattr("sim.points.flight", None)
     with pytest.raises(ConfigError, match="beyond the recording"):
         simulate_points(seconds=10.0, degrade="blackout@12-14")
     with pytest.raises(ConfigError, match="known are"):

@@ -1,11 +1,13 @@
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from navcore.readers import open_sequence
+from navcore.sequence import Sequence
 from sim import simulate_points
 from sim.camera import gl
 from sim.errors import ConfigError, RenderError
@@ -146,8 +148,8 @@ def test_a_bad_request_ends_with_the_valid_choices_before_work_begins(
     monkeypatch.setattr("sim.record.make_scene", worked)
     monkeypatch.setattr("sim.camera.film.Film.image", worked)
     if not {"platform", "difficulty", "scene"} & arguments.keys():  # those are refused by what would do the work
-        monkeypatch.setattr("sim.record.simulate_motion", worked)
-        monkeypatch.setattr("sim.points.simulate_motion", worked)
+        monkeypatch.setattr("sim.record.flight", worked)
+        monkeypatch.setattr("sim.points.flight", worked)
     with pytest.raises(ConfigError, match=says):
         record(**{"platform": "quadrotor", "seconds": 3.0, "seed": 1, "out": tmp_path / "out", **arguments})
     assert not any(tmp_path.iterdir())
@@ -158,7 +160,7 @@ def test_without_opengl_it_ends_before_anything_is_simulated(tmp_path: Path, mon
         raise RenderError(f"no OpenGL here; type: {gl.INSTALL}")
 
     monkeypatch.setattr(gl, "make_context", missing)
-    monkeypatch.setattr("sim.record.simulate_motion", lambda *_: pytest.fail("work began"))
+    monkeypatch.setattr("sim.record.flight", lambda *_: pytest.fail("work began"))
     with pytest.raises(RenderError, match="apt-get install"):
         record("quadrotor", 1.0, 1, tmp_path / "out")
     assert not any(tmp_path.iterdir())
@@ -168,7 +170,23 @@ def test_a_folder_with_something_in_it_is_seen_before_anything_is_simulated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "mine.txt").write_text("mine")
-    monkeypatch.setattr("sim.record.simulate_motion", lambda *_: pytest.fail("work began"))
+    monkeypatch.setattr("sim.record.flight", lambda *_: pytest.fail("work began"))
     for mode in ("images", "imu"):
         with pytest.raises(ConfigError, match="is there already; expected a new or empty folder"):
             record("quadrotor", 1.0, 1, tmp_path, mode=mode)
+
+
+def test_noise_is_drawn_anew_on_a_motion_that_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def made(name: str, **options: Any) -> Sequence:
+        record("rover", 3.0, 4, tmp_path / name, mode="imu", **options)
+        return open_sequence(tmp_path / name)
+
+    plain, first = made("plain"), made("first", noise_seed=1, flights=tmp_path / "flights")
+    monkeypatch.setattr("sim.flights.simulate_motion", lambda *_: pytest.fail("physics ran again"))
+    again = made("again", flights=tmp_path / "flights")
+    second = made("second", noise_seed=2, imu="cheap", flights=tmp_path / "flights")
+    np.testing.assert_array_equal(again.imu.accel, plain.imu.accel)
+    for other in (first, second):
+        assert other.truth is not None and plain.truth is not None
+        np.testing.assert_array_equal(other.truth.p_WB, plain.truth.p_WB)
+        assert np.abs(other.imu.gyro - plain.imu.gyro).max() > 1e-3
