@@ -44,28 +44,35 @@ def samples(records: Iterable[Record], workspace: Path) -> list[Sample]:
         names = tuple(str(record.config[name]) for name in ("platform", "regime", "condition"))
         if record.config["source"]["kind"] in _WITH_IMAGES:
             found.setdefault((names[0], names[1], names[2]), record.config["source"])
+    sources = {names: restored(content) for names, content in found.items()}
+    middles: dict[tuple[str, str], float] = {}  # so that a clean picture is of the same moment
+    for (platform, regime, _), source in sources.items():
+        for d in degradations(source)[:1]:
+            middles.setdefault((platform, regime), 0.5 * (d.start_s + d.end_s))
     result, shown = [], set()
-    for (platform, regime, condition), content in found.items():
-        source = restored(content)
+    for (platform, regime, condition), source in sources.items():
         if source in shown:
             continue
         shown.add(source)
         try:
-            sample = _sample(f"{platform}, {regime}, {condition}", source, workspace)
+            sample = _sample(f"{platform}, {regime}, {condition}", source, middles.get((platform, regime)), workspace)
         except (EvalError, NavcoreError, SimError):
             continue
         result += [sample] if sample is not None else []
     return result
 
 
-def _sample(title: str, source: Source, workspace: Path) -> Sample | None:
-    """A picture in the middle of the first degradation, or of a clean recording; None if it has no images."""
+def _sample(title: str, source: Source, otherwise_s: float | None, workspace: Path) -> Sample | None:
+    """A picture in the middle of the first degradation, or else at that time or of it all; None without images."""
     frames = [f for f in source.load(workspace).frames if 0 in f.images]
     if not frames:
         return None
     first_ns = frames[0].t_ns
     spans = degradations(source)
-    at_s = 0.5 * (spans[0].start_s + spans[0].end_s if spans else (frames[-1].t_ns - first_ns) * 1e-9)
+    if spans:
+        at_s = 0.5 * (spans[0].start_s + spans[0].end_s)
+    else:
+        at_s = otherwise_s if otherwise_s is not None else 0.5e-9 * (frames[-1].t_ns - first_ns)
     frame = min(frames, key=lambda f: abs((f.t_ns - first_ns) * 1e-9 - at_s))
     return Sample(title, (frame.t_ns - first_ns) * 1e-9, _address(frame.images[0].load()))
 

@@ -127,6 +127,7 @@ def test_the_study_runs_and_its_report_shows_the_recordings(folder, tmp_path):
     shown = images.samples(outcome.records, tmp_path)
     assert shown[0].condition == "recordings, low light, 35%-65%, clean"
     assert len({s.source for s in shown}) == len(shown) == 4
+    assert shown[0].t_s == shown[1].t_s == pytest.approx(0.5 * 9.25, abs=0.13)  # clean and dark, the same moment
 
 
 def test_what_cannot_be_run_is_named(folder, tmp_path):
