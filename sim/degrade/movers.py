@@ -16,8 +16,8 @@ from sim.degrade.sphere import evenly
 from sim.degrade.view import STEP, Coarse, Light, View, coarse
 from sim.radiance import decode
 
-MOVING_OBJECTS = (0.125, 0.185, 0.243, 0.31, 0.405)
-"""Radius of a thing as it is seen [rad], by severity: 15 to 90 % of all directions are covered."""
+MOVING_OBJECTS = (0.075, 0.115, 0.16, 0.22, 0.405)
+"""Radius of a thing as it is seen [rad], by severity: 5, 13, 25, 45 and 90 % of all directions are covered."""
 _THINGS = 40
 _NEAREST, _FARTHEST = 1.2, 4.0  # m
 _WAY = (0.2, 0.45)  # rad, how far a thing goes from its place
