@@ -12,7 +12,7 @@ from sim.degrade.spec import Spec
 from sim.errors import ConfigError
 from sim.output import Format, Progress, write_recording
 from sim.output.folder import ORIGIN
-from sim.output.recording import check_request
+from sim.output.recording import check_apart, check_request
 
 
 @dataclass(frozen=True)
@@ -38,10 +38,11 @@ def plan_one(recording: Path, degrade: str, seed: int, out: Path, format: Format
     """One degraded copy of a recording.
 
     Raises:
-        ConfigError: a bad schedule, one that reaches beyond the recording, or `out` is not empty.
+        ConfigError: a bad schedule, one that reaches beyond the recording, or `out` is not empty or in the recording.
         DataError: no recording.
     """
     schedule = Schedule.parse(degrade)
+    check_apart(recording, out)
     sequence = _with_frames(recording)
     schedule.check(duration_s(sequence))
     origin = {**_identity(sequence), "degrade": str(schedule), "seed": seed}
@@ -55,10 +56,11 @@ def plan_cells(recording: Path, spec: Spec, patterns: tuple[str, ...], out: Path
     A cell that does not fit the recording is left out, unless it was asked for by its name.
 
     Raises:
-        ConfigError: an unknown cell, one that was asked for and does not fit, none that fits, or something else is
-            where a cell should go.
+        ConfigError: an unknown cell, one that was asked for and does not fit, none that fits, something else is
+            where a cell should go, or `out` is in the recording.
         DataError: no recording.
     """
+    check_apart(recording, out)
     sequence = _with_frames(recording)
     jobs: dict[Path, tuple[Schedule, Mapping[str, object]]] = {}
     left_out: list[str] = []

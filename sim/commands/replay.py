@@ -11,7 +11,7 @@ from sim.commands.bar import progress_bar
 from sim.commands.choices import SceneName
 from sim.errors import ConfigError
 from sim.output import Format, write_recording
-from sim.output.recording import check_request
+from sim.output.recording import check_apart, check_request
 from sim.replay import replayed, smooth_truth
 from sim.replay.figures import figures
 from sim.replay.replay import frame_stamps
@@ -43,6 +43,7 @@ class Replay:
         if self.out is None:
             raise ConfigError("--out is needed, or --report")
         origin = {k: str(v) for k, v in vars(self).items() if k not in ("out", "report", "format")}
+        check_apart(self.recording, self.out)
         check_request(self.out, self.format, origin)
         with replayed(
             self.recording,

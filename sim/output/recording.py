@@ -75,6 +75,16 @@ def check_request(out: Path, format: Format, origin: Origin | None) -> None:
     check_new(out, _with(origin, format))
 
 
+def check_apart(source: Path, out: Path) -> None:
+    """Raise if `out` is a recording that is read, or inside it: no recording is ever written into.
+
+    Raises:
+        ConfigError: it is.
+    """
+    if out.resolve() == source.resolve() or source.resolve() in out.resolve().parents:
+        raise ConfigError(f"{out} is inside the recording {source}; expected a folder beside it")
+
+
 def _with(origin: Origin | None, format: Format) -> Origin | None:
     return None if origin is None else {"format": format, **origin}
 

@@ -67,3 +67,14 @@ def test_bad_requests_end_before_work_begins(
         assert call(monkeypatch, recording, *arguments, "--out", tmp_path / "x") == 1
         assert message in " ".join(capsys.readouterr().err.split())
         assert not (tmp_path / "x").exists()
+
+
+def test_a_recording_is_never_written_into(
+    monkeypatch: pytest.MonkeyPatch, recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = sorted(recording.iterdir())
+    for how in (("--cell", "fog-2"), ("--degrade", "fog:1@0-1")):
+        for out in (recording, recording / "mav0" / "other"):
+            assert call(monkeypatch, recording, *how, "--out", out) == 1
+            assert "is inside the recording" in " ".join(capsys.readouterr().err.split())
+    assert sorted(recording.iterdir()) == before

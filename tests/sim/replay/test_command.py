@@ -38,6 +38,11 @@ def test_it_wants_to_know_where_to_write(folder: Path) -> None:
         Replay(folder).run(Console(file=io.StringIO()))
 
 
+def test_it_does_not_write_into_the_recording(folder: Path) -> None:
+    with pytest.raises(ConfigError, match="is inside the recording"):
+        Replay(folder, folder / "mav0" / "new").run(Console(file=io.StringIO()))
+
+
 def test_a_replay_on_disk_reads_back(opengl: None, folder: Path, tmp_path: Path) -> None:
     Replay(folder, tmp_path / "out", start=2.0, end=2.1).run(Console(file=io.StringIO()))
     sequence = open_sequence(tmp_path / "out")
