@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from eval.errors import ScoreError
-from navcore.readers import open_sequence
+from navcore.readers import open_sequence, rosbag
 from navcore.trajectory import Trajectory
 
 _TRAJECTORY, _BIASES = "trajectory.tum", "biases.csv"
@@ -37,7 +37,7 @@ def read_truth(path: Path) -> Trajectory:
         ScoreError: no such path, or a recording without truth.
         DataError: a fault in a file.
     """
-    if path.is_file():
+    if path.is_file() and not rosbag.recognises(path):
         return Trajectory.from_tum(path)
     if not path.exists():
         raise ScoreError(f"{path}: no such file or folder; expected a recording, or a file in TUM format")

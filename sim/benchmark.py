@@ -13,6 +13,7 @@ from sim.errors import ConfigError
 from sim.output import Format, Progress, write_recording
 from sim.output.folder import ORIGIN
 from sim.output.recording import check_apart, check_request
+from sim.streams import Streams
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ def plan_one(recording: Path, degrade: str, seed: int, out: Path, format: Format
         DataError: no recording.
     """
     schedule = Schedule.parse(degrade)
+    Streams.of(seed)
     check_apart(recording, out)
     sequence = _with_frames(recording)
     schedule.check(duration_s(sequence))
@@ -100,9 +102,12 @@ def carry_out(plan: Plan, format: Format = "asl", progress: Callable[[Path], Pro
 def _is_done(folder: Path, origin: Mapping[str, object], format: Format) -> bool:
     """Whether a folder holds the recording of this origin, whole."""
     saved = folder / ORIGIN
-    return saved.is_file() and bool(
-        json.loads(saved.read_text()) == json.loads(json.dumps({"format": format, **origin}))
-    )
+    if not saved.is_file():
+        return False
+    try:
+        return bool(json.loads(saved.read_text()) == json.loads(json.dumps({"format": format, **origin})))
+    except ValueError:
+        return False
 
 
 def duration_s(sequence: Sequence) -> float:

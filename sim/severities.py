@@ -15,6 +15,7 @@ from navcore.sequence import Frame, ImageArray, Sequence, Tracks
 from navcore.tracker import Tracker
 from sim.camera.film import Film
 from sim.degrade import Schedule, degrade_sequence
+from sim.degrade.apply import gyro_bias
 from sim.degrade.attitude import Attitude
 from sim.degrade.schedule import GRADED, MAX_SEVERITY, RENDERED, STREAM
 from sim.errors import ConfigError
@@ -95,7 +96,7 @@ def measure(clip: Clip, kind: str, severity: int) -> Tracking:
 def _tracked(sequence: Sequence, flow: Flow) -> Tracking:
     """Track; rotation comes from the gyro, as in the filter."""
     mount = sequence.calibration.cameras[0]
-    attitude = Attitude.of(sequence.imu)
+    attitude = Attitude.of(sequence.imu, gyro_bias(sequence))
     stamps = np.array([f.t_ns for f in sequence.frames]) + round(mount.dt_cam_imu * 1e9)
     R_WC = attitude.at(stamps) @ mount.R_BC
     tracker = Tracker(mount.camera)

@@ -6,6 +6,8 @@ import numpy as np
 
 from sim.errors import ConfigError
 
+_STREAMS = 4
+
 
 @dataclass(frozen=True)
 class Streams:
@@ -25,7 +27,7 @@ class Streams:
         """
         if seed < 0 or (noise_seed is not None and noise_seed < 0):
             raise ConfigError(f"seeds are {seed} and {noise_seed}; expected 0 or more")
-        motion, world, imu, vision = np.random.SeedSequence(seed).spawn(4)
+        motion, world, imu, vision = np.random.SeedSequence(seed).spawn(_STREAMS)
         if noise_seed is not None:
-            imu, vision = np.random.SeedSequence((seed, noise_seed)).spawn(2)
+            imu, vision = np.random.SeedSequence(seed, spawn_key=(_STREAMS + noise_seed,)).spawn(2)
         return Streams(*(np.random.default_rng(s) for s in (motion, world, imu, vision)))

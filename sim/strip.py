@@ -12,6 +12,7 @@ from sim.degrade import Schedule, degrade_sequence
 from sim.degrade.schedule import GRADED, MAX_SEVERITY, RENDERED, STREAM
 from sim.errors import ConfigError
 from sim.record import filmed
+from sim.streams import Streams
 
 _SECONDS = 30.0
 _WIDTH = 160  # px of one view in the picture
@@ -34,7 +35,8 @@ def strip(out: Path, seed: int = 1, recording: Path | None = None) -> None:
     """
     if not out.parent.is_dir():
         raise ConfigError(f"{out.parent}: no such folder")
-    if out.suffix not in _FORMATS:
+    Streams.of(seed)
+    if out.suffix not in _FORMATS or out.is_dir():
         raise ConfigError(f"{out}: expected a name that ends in {' or '.join(_FORMATS)}")
     if recording is not None:
         sequence = open_sequence(recording)
@@ -78,6 +80,8 @@ def _fastest(sequence: Sequence) -> int:
     rate = np.linalg.norm(sequence.imu.gyro, axis=1)
     at_frames = np.interp(stamps - stamps[0], sequence.imu.t_ns - stamps[0], rate)
     low, high = _MARGIN, len(stamps) - _MARGIN
+    if any(0 not in frame.images for frame in sequence.frames):
+        raise ConfigError(f"{sequence.name}: there are frames without an image of camera 0")
     if low >= high:
         raise ConfigError(f"{sequence.name}: {len(stamps)} frames; a picture needs more than {2 * _MARGIN}")
     return low + int(np.argmax(at_frames[low:high]))

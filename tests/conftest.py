@@ -8,7 +8,6 @@ from hypothesis import settings
 
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # read when NumPy and SciPy are imported: not yet
     os.environ.setdefault(name, "1")
-os.environ.setdefault("MUJOCO_GL", "egl")  # read when MuJoCo is imported
 
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=50, database=None)
 settings.load_profile("repeatable")

@@ -18,8 +18,8 @@ EXPOSURE_S = (0.0, 0.006, 0.012, 0.020, 0.030, 0.045)
 """Exposure by severity of motion_blur; a clean image is sharp."""
 
 _GRID = (9, 6)  # points of the image that are watched
+_MARGIN = 1.2  # near points between those that are watched move further
 _PROBES = 7  # poses over an exposure, to measure the movement
-_BORDER = 20.0  # px
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Shutter:
         return (t_ns - self.motion.start_ns) * 1e-9
 
     def _movement(self, low_ns: int, high_ns: int) -> float:
-        """Length of the longest way [px] that a point of the scene goes in the image."""
+        """Length of the way [px] of the point that is fastest in the image, had it always its greatest speed."""
         stamps: Stamps = np.linspace(low_ns, high_ns, _PROBES).astype(np.int64)
         poses = self.poses(stamps)
         still = np.tile(self._points_seen(poses[_PROBES // 2]), (_PROBES, 1, 1))
@@ -75,12 +75,12 @@ class Shutter:
         p_CF = (points - poses[:, None, :3, 3]) @ poses[:, :3, :3]
         uv, seen = self.mount.camera.project(p_CF), self.mount.camera.unfolded(p_CF)
         steps = np.linalg.norm(np.diff(uv, axis=0), axis=2) * (seen[1:] & seen[:-1])
-        return float(steps.sum(axis=0).max(initial=0.0))
+        return float(_MARGIN * (_PROBES - 1) * steps.max(initial=0.0))
 
     def _points_seen(self, T_WC: Floats) -> Vectors:
         camera = self.mount.camera
-        u = np.linspace(_BORDER, camera.width - 1 - _BORDER, _GRID[0])
-        v = np.linspace(_BORDER, camera.height - 1 - _BORDER, _GRID[1])
+        u = np.linspace(0.0, camera.width - 1.0, _GRID[0])
+        v = np.linspace(0.0, camera.height - 1.0, _GRID[1])
         rays = rays_of(camera, np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
         rays_W = rays[~np.isnan(rays[:, 0])] @ T_WC[:3, :3].T
         start = np.tile(T_WC[:3, 3], (len(rays_W), 1))

@@ -17,4 +17,4 @@ else:
     PlatformName = literal_type_from_choices(PLATFORMS)
     SceneName = literal_type_from_choices(SCENES)
     DifficultyName = literal_type_from_choices(DIFFICULTIES)
-    GradeName = literal_type_from_choices(GRADES)
+    GradeName = literal_type_from_choices([*GRADES, *(f"{name}-uncalibrated" for name in GRADES)])

@@ -36,6 +36,8 @@ class Degrade:
             return
         if self.recording is None or self.out is None:
             raise ConfigError("a recording and --out are needed, or --list")
+        if self.degrade is not None and self.cell:
+            raise ConfigError("--cell is of a benchmark and --degrade is a schedule: one of them, not both")
         if self.degrade is not None:
             plan = plan_one(self.recording, self.degrade, self.seed, self.out, self.format)
         else:

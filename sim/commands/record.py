@@ -20,7 +20,7 @@ class Record:
     platform: PlatformName = "quadrotor"  # which body moves
     seconds: float = 60.0  # length of the recording
     seed: int = 1  # fixes everything that is random
-    noise_seed: int | None = None  # draw IMU, biases and image noise anew over the same motion and world
+    noise_seed: int | None = None  # draw IMU, biases and sensor noise anew; motion, world and degradations stay
     flights: Path | None = (
         None  # folder in which motions are kept: physics runs once for all noise seeds, grades, scenes
     )

@@ -42,7 +42,10 @@ class Replay:
             return
         if self.out is None:
             raise ConfigError("--out is needed, or --report")
-        origin = {k: str(v) for k, v in vars(self).items() if k not in ("out", "report", "format")}
+        source = self.recording.resolve()
+        name = source.parent.name if source.name == "mav0" else source.name
+        asked = {k: str(v) for k, v in vars(self).items() if k not in ("out", "report", "format", "recording")}
+        origin = {"recording": name, **asked}
         check_apart(self.recording, self.out)
         check_request(self.out, self.format, origin)
         with replayed(

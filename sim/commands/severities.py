@@ -5,6 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from navcore.readers import open_sequence
 from sim.commands.bar import progress_bar
 from sim.errors import ConfigError
 from sim.severities import real_clip, rendered_clip, report
@@ -33,8 +34,10 @@ class Severities:
 
     def run(self, console: Console) -> None:
         """Measure and write."""
-        if self.out is not None and not self.out.parent.is_dir():
-            raise ConfigError(f"{self.out.parent}: no such folder")
+        if self.out is not None and (not self.out.parent.is_dir() or self.out.is_dir()):
+            raise ConfigError(f"{self.out}: expected the name of a file, in a folder that is there")
+        if self.recording is not None:
+            open_sequence(self.recording)  # a wrong path is said before the minutes that follow
         clips = [(f"A rendered flight (quadrotor, seed {self.seed})", rendered_clip(_START_S, _SECONDS, self.seed))]
         if self.recording is not None:
             title = f"{self.recording.name}, {self.start_s:g} s to {self.start_s + self.seconds:g} s"

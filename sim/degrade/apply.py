@@ -3,10 +3,11 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from zlib import crc32
 
 import numpy as np
 
-from navcore.arrays import Image
+from navcore.arrays import Image, Vectors
 from navcore.sequence import Frame, ImageSource, Sequence
 from sim.camera.sensor import ImageSensor
 from sim.degrade import exposure
@@ -24,6 +25,7 @@ from sim.degrade.texture import texture_loss
 from sim.degrade.view import Light, View
 from sim.errors import ConfigError
 
+_OF_FRAME, _OF_SENSOR = (crc32(what) for what in (b"frame", b"sensor"))  # keep random streams apart
 _IMAGE_KINDS = tuple(kind for kind in KINDS if kind not in STREAM)
 
 _LIGHT: dict[str, Callable[[View, Light, Degradation], None]] = {
@@ -80,7 +82,7 @@ def _check_images(sequence: Sequence, schedule: Schedule) -> None:
 
 
 def _degraded(sequence: Sequence, schedule: Schedule, seed: int) -> Iterator[Frame]:
-    attitude = Attitude.of(sequence.imu)
+    attitude = Attitude.of(sequence.imu, gyro_bias(sequence))
     for index, frame in enumerate(sequence.frames):
         t_s = (frame.t_ns - sequence.frames[0].t_ns) * 1e-9
         found = (schedule.worst(kind, t_s) for kind in _IMAGE_KINDS)
@@ -93,6 +95,18 @@ def _degraded(sequence: Sequence, schedule: Schedule, seed: int) -> Iterator[Fra
             mount = sequence.calibration.cameras[camera]
             images[camera] = DegradedImage(source, View(seed, camera, index, t_s, frame.t_ns, mount, attitude), active)
         yield replace(frame, images=images)
+
+
+def gyro_bias(sequence: Sequence) -> Vectors | None:
+    """(N, 3) rad/s at the IMU's stamps, where truth knows it."""
+    truth = sequence.truth
+    if truth is None or truth.b_g is None:
+        return None
+    known = np.isfinite(truth.b_g).all(axis=1)
+    if not known.any():
+        return None
+    t_s, at_s = ((t - sequence.imu.t_ns[0]) * 1e-9 for t in (sequence.imu.t_ns, truth.t_ns[known]))
+    return np.stack([np.interp(t_s, at_s, b) for b in truth.b_g[known].T], axis=1)
 
 
 @dataclass(frozen=True)
@@ -121,7 +135,7 @@ class DegradedImage:
             if kind in by_kind:
                 total = total.and_then(expose(view, by_kind[kind]))
         height, width = image.shape
-        rng = np.random.default_rng((view.seed, view.camera, view.index))
+        rng = np.random.default_rng((view.seed, _OF_FRAME, view.camera, view.index))
         return _sensor(width, height, view.seed, view.camera).develop(
             light.linear, total.light, rng, total.gain, light.held
         )
@@ -129,4 +143,4 @@ class DegradedImage:
 
 @lru_cache(maxsize=8)
 def _sensor(width: int, height: int, seed: int, camera: int) -> ImageSensor:
-    return ImageSensor.of(width, height, np.random.default_rng((seed, camera)))
+    return ImageSensor.of(width, height, np.random.default_rng((seed, _OF_SENSOR, camera)))

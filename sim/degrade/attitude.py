@@ -28,9 +28,9 @@ class Attitude:
     omega_B: Vectors
 
     @staticmethod
-    def of(imu: ImuSamples) -> "Attitude":
-        """From samples; the rate of the stillest second, if it was still, is taken for the bias."""
-        omega = imu.gyro - resting_rate(imu)
+    def of(imu: ImuSamples, b_g: Vectors | None = None) -> "Attitude":
+        """From samples and their bias (N, 3) rad/s; if unknown, that is the rate of the stillest second, if still."""
+        omega = imu.gyro - (resting_rate(imu) if b_g is None else b_g)
         steps = np.diff(imu.t_ns)[:, None] * 1e-9 * 0.5 * (omega[:-1] + omega[1:])
         R_WB = np.empty((len(imu), 3, 3))
         R_WB[0] = np.eye(3)

@@ -19,8 +19,8 @@ class Effect:
 _CLEAN = Effect()
 
 # What KLT does at these severities, from docs/severities.md: of features and of wrong steps the mean over the rendered
-# flight and the real images, of life the geometric mean, and the noise of the real images, whose clean tracks are not
-# as exact as rendered ones.
+# flight and the real images, of life the geometric mean (a rendered life counts as .02 at least), and the noise of the
+# real images, whose clean tracks are not as exact as rendered ones (never less than that of clean ones).
 EFFECTS: dict[str, tuple[Effect, ...]] = {
     "blackout": (Effect(features=0.0),) * 5,
     "motion_blur": (

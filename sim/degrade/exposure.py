@@ -95,6 +95,6 @@ def auto_exposure(view: View, degradation: Degradation) -> Exposure:
 def _steps(view: View, degradation: Degradation, following: Following) -> tuple[list[float], list[float]]:
     """When light steps [s], and what it is from then on [stops]: away from normal, up or down, and back."""
     rng = view.generator("auto_exposure")
-    times = switch_times(rng, degradation, following.dwell_s)
     away = following.stops * float(rng.choice([-1.0, 1.0]))
+    times = switch_times(rng, degradation, following.dwell_s)
     return times.tolist(), [away if k % 2 == 0 else 0.0 for k in range(len(times))]

@@ -58,8 +58,9 @@ def _shares(directions: Vectors, lamps: Vectors) -> Floats:
 def _out(t_s: float, degradation: Degradation, switching: Switching, rng: np.random.Generator) -> Floats:
     """(L,): 1 for a lamp that is out, 0 for one that is on; every other lamp is out at first."""
     states = []
-    for first in range(_LAMPS):
+    for first, own in enumerate(rng.spawn(_LAMPS)):
         # The first switching of each lamp comes at a time of its own within its first dwell.
-        times = switch_times(rng, degradation, switching.dwell_s)[1:] - rng.uniform() * 0.5 * switching.dwell_s
+        earlier_s = own.uniform() * 0.5 * switching.dwell_s
+        times = switch_times(own, degradation, switching.dwell_s)[1:] - earlier_s
         states.append((first + 1 + int(np.searchsorted(times, t_s, side="right"))) % 2)
     return np.array(states, dtype=np.float64)

@@ -16,6 +16,7 @@ SPECS = {"v1": Path(__file__).with_name("v1.yaml")}
 """Those that come with the program; they never change."""
 
 _KEYS = {"version", "seed", "recipes", "recovery_s", "cells"}
+_NAME = re.compile(r"\w[\w.-]*")
 _NUMBER = r"[0-9]+(?:\.[0-9]+)?"
 _FORM = re.compile(rf"(?P<what>[^@]+)@(?P<start>{_NUMBER}%?)(?:-(?P<end>{_NUMBER}%?)|\+(?P<length>{_NUMBER}))")
 
@@ -47,9 +48,11 @@ class Spec:
         path = SPECS.get(name, Path(name))
         if not path.is_file():
             raise ConfigError(f"benchmark {name!r} is unknown; expected {', '.join(SPECS)} or the path of a .yaml file")
+        if path.stem in SPECS and path.resolve() != SPECS[path.stem].resolve():
+            raise ConfigError(f"{path} has the name of the benchmark {path.stem}; give another benchmark another name")
         try:
             content = yaml.safe_load(path.read_text())
-        except yaml.YAMLError as error:
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
             raise ConfigError(f"{path} is not YAML: {error}") from error
         if not isinstance(content, dict) or content.keys() != _KEYS or not isinstance(content["cells"], dict):
             raise ConfigError(f"{path} is no benchmark; expected the keys {', '.join(sorted(_KEYS))}")
@@ -57,7 +60,16 @@ class Spec:
             made = f"was made with the recipes {content['recipes']}; this program has {fingerprint()}"
             raise ConfigError(f"{path} {made}: the same cells would not be the same images")
         cells = {str(name): str(cell) for name, cell in content["cells"].items()}
-        spec = Spec(path.stem, int(content["seed"]), float(content["recovery_s"]), cells)
+        for cell in cells:
+            if not _NAME.fullmatch(cell):
+                raise ConfigError(f"{path}: cell {cell!r}; a name has letters, digits, '_', '.' and '-' only")
+        try:
+            seed, recovery_s = int(content["seed"]), float(content["recovery_s"])
+        except (TypeError, ValueError) as error:
+            raise ConfigError(f"{path}: seed and recovery_s are numbers; {error}") from error
+        if seed < 0 or not recovery_s >= 0.0:
+            raise ConfigError(f"{path}: seed is {seed} and recovery_s {recovery_s}, expected 0 or more")
+        spec = Spec(path.stem, seed, recovery_s, cells)
         for cell in spec.cells:
             spec.schedule(cell, 1e6)
         return spec

@@ -51,10 +51,6 @@ class View:
         """Draws what is the same in all images of all cameras of a sequence: the lamps, the things that move."""
         return np.random.default_rng((self.seed, crc32(what.encode())))
 
-    def camera_generator(self, what: str) -> np.random.Generator:
-        """Draws what is the same in all images of this camera."""
-        return np.random.default_rng((self.seed, crc32(what.encode()), self.camera))
-
 
 @dataclass
 class Light:

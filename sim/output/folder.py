@@ -122,7 +122,8 @@ def require_space(out: Path, needed: int) -> None:
 
 
 def _partial(out: Path) -> Path:
-    return out.with_name(out.name + ".partial")
+    place = out.resolve()
+    return place.with_name(place.name + ".partial")
 
 
 def _json(content: object) -> str:

@@ -18,7 +18,7 @@ from navcore.readers import kalibr, topics
 
 def write_kalibr(folder: Path, calibration: Calibration) -> None:
     """`imu.yaml`, and `camchain-imucam.yaml` if there are cameras."""
-    _write(folder / kalibr.IMU[0], _imu(calibration.imu))
+    _write(folder / kalibr.IMU[0], _imu(calibration.imu), flow=False)
     if calibration.cameras:
         poses = [_inverse(mount.T_BC) for mount in calibration.cameras]
         chain = {f"cam{k}": _camera(k, mount, poses) for k, mount in enumerate(calibration.cameras)}
@@ -57,5 +57,12 @@ def _inverse(T: Floats) -> Floats:
     return inverse
 
 
-def _write(path: Path, content: Mapping[str, object]) -> None:
-    path.write_text(yaml.safe_dump(dict(content), sort_keys=False, default_flow_style=None, width=1000))
+class _Indented(yaml.SafeDumper):
+    """Lists stand further in than their key: OpenCV's reader of YAML wants it so."""
+
+    def increase_indent(self, flow: bool = False, indentless: bool = False) -> None:
+        super().increase_indent(flow, False)
+
+
+def _write(path: Path, content: Mapping[str, object], flow: bool | None = None) -> None:
+    path.write_text(yaml.dump(dict(content), Dumper=_Indented, sort_keys=False, default_flow_style=flow, width=1000))

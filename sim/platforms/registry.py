@@ -1,5 +1,6 @@
 """The platforms that can be flown, driven or carried, by name."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -56,6 +57,6 @@ def simulate_motion(
         raise ConfigError(f"platform {platform!r} is unknown; known are {sorted(PLATFORMS)}")
     if difficulty not in DIFFICULTIES:
         raise ConfigError(f"difficulty {difficulty!r} is unknown; known are {', '.join(DIFFICULTIES)}")
-    if not seconds > 0.0:
-        raise ConfigError(f"a motion of {seconds} s was asked for; expected more than 0")
+    if not 0.0 < seconds < math.inf:
+        raise ConfigError(f"a motion of {seconds} s was asked for; expected a time above 0")
     return PLATFORMS[platform](seconds, moving_start, difficulty, Streams.of(seed).motion)

@@ -1,5 +1,6 @@
 """Points mode: the flights and IMU of the simulator, with projected landmarks instead of images."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -110,7 +111,6 @@ def frame_seconds(seconds: float, rate_hz: float) -> float:
     Raises:
         ConfigError: there is not one frame.
     """
-    n = int((seconds - FIRST_FRAME_S - LAST_FRAME_MARGIN_S) * rate_hz) + 1
-    if seconds < FIRST_FRAME_S + LAST_FRAME_MARGIN_S:
-        raise ConfigError(f"a motion of {seconds} s is too short for one frame")
-    return (n - 1) / rate_hz
+    if not FIRST_FRAME_S + LAST_FRAME_MARGIN_S <= seconds < math.inf:
+        raise ConfigError(f"a motion of {seconds} s is too short for one frame, or endless")
+    return int((seconds - FIRST_FRAME_S - LAST_FRAME_MARGIN_S) * rate_hz) / rate_hz

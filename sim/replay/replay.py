@@ -58,7 +58,9 @@ def replayed(
     """
     request = Request.parse(degrade)
     recording, listed = open_recording(source)
-    _check(recording, scene, cameras, seed)
+    _check(recording, scene, cameras, seed, movers)
+    if start_s is not None and end_s is not None and not start_s < end_s:
+        raise ConfigError(f"the part begins at {start_s} s and ends at {end_s} s; expected start < end")
     gl.make_context(16, 16).free()  # where there is none, that is said before anything is smoothed
     path = smooth_truth(recording)
     stamps, lost = _frames(recording, listed, path, start_s, end_s)
@@ -103,10 +105,12 @@ def _frames(
     return part, notes
 
 
-def _check(recording: Sequence, scene: str, cameras: int, seed: int) -> None:
+def _check(recording: Sequence, scene: str, cameras: int, seed: int, movers: int) -> None:
     """Say what is wrong with a request before work begins."""
     available = len(recording.calibration.cameras)
     if not 1 <= cameras <= available:
         raise ConfigError(f"{cameras} cameras were asked for; {recording.name} has {available} with a calibration")
     check_scene(scene)
+    if movers < 0:
+        raise ConfigError(f"{movers} movers were asked for; expected 0 or more")
     Streams.of(seed)

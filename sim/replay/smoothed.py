@@ -54,7 +54,8 @@ class SmoothedTruth:
             seconds = np.diff(self.bridged_ns, axis=1)[:, 0] * 1e-9
             lines.append(f"{len(seconds)} gap(s) of truth, up to {seconds.max():.2f} s, are bridged with the IMU")
         for low, high in self.left_out_ns.tolist():
-            lines.append(f"left out: {(high - low) * 1e-9:.2f} s from {low} ns, where truth is missing for too long")
+            seconds = (high - low) * 1e-9
+            lines.append(f"left out: {seconds:.2f} s from {low} ns, where too little truth or motion tells the path")
         return tuple(lines)
 
 

@@ -111,12 +111,14 @@ def make_movers(n: int, layout: Layout, path: Vectors, seconds: float, rng: np.r
     times = np.linspace(0.0, seconds, len(path))
     body = np.stack([np.interp(t_s, times, x) for x in np.asarray(path).T], axis=1)
     found: list[Mover] = []
-    for k in range(n * _TRIES):
-        if len(found) == n:
-            break
-        mover = _draw(layout, body, 1.0 - (k % _TRIES) / _TRIES, rng)
+    failed = 0
+    while len(found) < n and failed < _TRIES:
+        mover = _draw(layout, body, 1.0 - failed / _TRIES, rng)
         if _fits(mover, layout, body, t_s, found):
             found.append(mover)
+            failed = 0
+        else:
+            failed += 1
     if len(found) < n:
         raise ConfigError(f"{n} movers were asked for; there is room for {len(found)} between things and path")
     return tuple(found)

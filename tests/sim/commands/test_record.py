@@ -22,8 +22,9 @@ def test_help_lists_what_can_be_chosen(monkeypatch: pytest.MonkeyPatch, capsys: 
     monkeypatch.setenv("COLUMNS", "200")
     assert call(monkeypatch, "record", "--help") == 0
     shown = "".join(capsys.readouterr().out.split())
-    for names in (PLATFORMS, SCENES, DIFFICULTIES, GRADES, ("images", "points", "imu"), ("asl", "ros1", "ros2")):
+    for names in (PLATFORMS, SCENES, DIFFICULTIES, ("images", "points", "imu"), ("asl", "ros1", "ros2")):
         assert "{" + ",".join(names) + "}" in shown
+    assert all(name in shown for grade in GRADES for name in (grade, f"{grade}-uncalibrated"))
 
 
 def test_a_name_that_is_none_is_refused_with_those_that_are(

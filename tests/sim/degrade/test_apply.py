@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from navcore.sequence import Frame, ImageArray, Tracks
+from navcore.trajectory import Trajectory
 from sim.degrade import Schedule, degrade_sequence
 from sim.degrade.schedule import GRADED, STREAM
 from sim.errors import ConfigError
@@ -92,6 +93,33 @@ def test_an_image_from_a_simulated_shutter_is_not_blurred_again() -> None:
     assert str(schedule.in_camera) == "motion_blur:2@0-1"
     assert str(schedule.after_camera) == "fog:1@0-1"
     degrade_sequence(film, schedule.after_camera)
+
+
+def test_a_bias_that_truth_knows_does_not_turn_the_world() -> None:
+    """Fog banks stay where they are although the gyro is biased and never still."""
+    clean = turning()
+    bias = np.array([0.1, -0.3, 0.2])
+    poses = np.tile([0.0, 0.0, 0.0, 1.0], (len(clean.imu), 1))
+    zero = np.zeros((len(clean.imu), 3))
+    truth = Trajectory(clean.imu.t_ns, poses, zero, zero, zero + bias, zero)
+    spoilt = replace(clean, imu=replace(clean.imu, gyro=clean.imu.gyro + bias), truth=truth)
+    exact = replace(clean, truth=replace(truth, b_g=zero))
+    np.testing.assert_array_equal(degraded(spoilt, "fog:3@0-3", 55), degraded(exact, "fog:3@0-3", 55))
+    unknown = replace(spoilt, truth=None)
+    assert np.any(degraded(unknown, "fog:3@0-3", 55) != degraded(exact, "fog:3@0-3", 55))
+
+
+def test_what_switches_does_not_depend_on_when_it_ends() -> None:
+    for kind in ("auto_exposure:4", "light_switch:4"):
+        images = [degraded(turning(), f"{kind}@0.5-{end}", 30) for end in ("1.9", "2.9")]
+        np.testing.assert_array_equal(*images)
+
+
+def test_a_frames_noise_is_not_the_pattern_of_the_sensor() -> None:
+    """In the dark, frames share no more with the first one than with each other."""
+    frames = [degraded(turning(), "blackout@0-3", k).astype(float).ravel() for k in (0, 1, 7, 20)]
+    related = np.corrcoef(frames)[np.triu_indices(4, 1)]
+    assert np.ptp(related) < 0.05
 
 
 # What v1 does to a known image: mean, standard deviation, and correlation with the clean image, of severity 3 at frame

@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import yaml
 
@@ -34,3 +35,19 @@ def test_it_has_kalibrs_words_and_the_chain_goes_from_camera_to_camera(tmp_path)
 def test_without_cameras_there_is_no_chain(tmp_path):
     write_kalibr(tmp_path, Calibration(NOISE))
     assert [x.name for x in tmp_path.iterdir()] == ["imu.yaml"]
+
+
+def test_opencv_reads_what_is_written(tmp_path):
+    """OpenVINS reads its YAML with OpenCV, which is stricter than YAML."""
+    calibration = Calibration(NOISE, mounts())
+    write_kalibr(tmp_path, calibration)
+    for name, key in (("camchain-imucam.yaml", "cam1"), ("imu.yaml", "gyroscope_noise_density")):
+        storage = cv2.FileStorage(
+            "%YAML:1.0\n" + (tmp_path / name).read_text(), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY
+        )
+        assert not storage.getNode(key).empty()
+    chain = "%YAML:1.0\n" + (tmp_path / "camchain-imucam.yaml").read_text()
+    storage = cv2.FileStorage(chain, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+    pose = storage.getNode("cam1").getNode("T_cam_imu")
+    rows = [[pose.at(i).at(j).real() for j in range(4)] for i in range(4)]
+    np.testing.assert_allclose(rows @ calibration.cameras[1].T_BC, np.eye(4), atol=1e-9)
