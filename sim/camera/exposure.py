@@ -17,7 +17,7 @@ MAX_STEP_PX = 2.0
 EXPOSURE_S = (0.0, 0.006, 0.012, 0.020, 0.030, 0.045)
 """Exposure by severity of motion_blur; a clean image is sharp."""
 
-_GRID = (9, 6)  # points of the image that are watched
+_GRID = (17, 11)  # points of the image that are watched
 _MARGIN = 1.2  # near points between those that are watched move further
 _PROBES = 7  # poses over an exposure, to measure the movement
 
