@@ -1,5 +1,6 @@
 """What holds for every kind that acts on images."""
 
+import hashlib
 from dataclasses import replace
 
 import numpy as np
@@ -143,3 +144,100 @@ def test_the_algorithms_are_those_that_the_benchmark_was_frozen_with(kind: str) 
     image = degraded(turning(), f"{kind}:3@1-2", 27, seed=7).astype(float)
     got = (image.mean(), image.std(), 100.0 * np.corrcoef(image.ravel(), texture().astype(float).ravel())[0, 1])
     assert got == pytest.approx(FROZEN[kind], abs=0.5)
+
+
+# The same for all severities: mean grey in three frames of the second camera, and the stamps of the frames that arrive.
+FROZEN_MEANS = {
+    "motion_blur": (
+        (116.5, 116.5, 116.5),
+        (116.8, 116.8, 116.8),
+        (117.1, 117.1, 117.1),
+        (117.7, 117.7, 117.7),
+        (118.5, 118.5, 118.5),
+    ),
+    "texture_loss": (
+        (116.7, 116.7, 116.7),
+        (116.9, 116.9, 116.9),
+        (117.0, 117.0, 117.0),
+        (117.1, 117.1, 117.1),
+        (117.1, 117.1, 117.1),
+    ),
+    "light_switch": (
+        (109.5, 106.8, 110.3),
+        (102.3, 96.6, 89.2),
+        (97.3, 89.5, 79.0),
+        (92.1, 115.1, 94.4),
+        (81.9, 57.9, 81.9),
+    ),
+    "moving_objects": (
+        (117.0, 117.2, 116.1),
+        (117.1, 117.2, 115.9),
+        (117.1, 116.7, 115.8),
+        (115.4, 115.2, 114.9),
+        (111.0, 109.4, 109.4),
+    ),
+    "fog": (
+        (139.1, 139.5, 141.5),
+        (146.4, 146.6, 148.5),
+        (149.2, 149.2, 150.9),
+        (151.7, 151.6, 153.1),
+        (155.8, 155.4, 156.3),
+    ),
+    "lens_dirt": (
+        (116.4, 116.4, 116.4),
+        (116.7, 116.7, 116.7),
+        (117.8, 117.8, 117.8),
+        (117.1, 117.1, 117.1),
+        (116.3, 116.3, 116.3),
+    ),
+    "low_light": (
+        (116.3, 116.3, 116.3),
+        (106.9, 106.9, 106.9),
+        (86.1, 86.1, 86.1),
+        (64.5, 64.5, 64.6),
+        (41.9, 41.8, 41.9),
+    ),
+    "overexposure": (
+        (133.5, 133.5, 133.5),
+        (189.9, 189.9, 189.9),
+        (205.5, 205.5, 205.5),
+        (214.0, 214.0, 214.0),
+        (231.4, 231.4, 231.4),
+    ),
+    "auto_exposure": (
+        (111.2, 116.5, 116.5),
+        (94.3, 115.8, 116.5),
+        (77.0, 108.8, 115.9),
+        (57.0, 87.1, 167.1),
+        (34.8, 181.7, 51.7),
+    ),
+    "jpeg": (
+        (116.5, 116.5, 116.5),
+        (116.6, 116.6, 116.6),
+        (116.4, 116.4, 116.4),
+        (116.8, 116.8, 116.8),
+        (116.2, 116.2, 116.2),
+    ),
+}
+FROZEN_STAMPS = {
+    "frame_drops": "aa3627fddb5466f8",
+    "low_rate": "f6a1b80f61834134",
+    "time_jitter": "6253a9e3e8b813b4",
+    "time_offset": "d39469a808cd7bbd",
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_severity_is_what_the_benchmark_was_frozen_with(kind: str) -> None:
+    for severity, means in enumerate(FROZEN_MEANS[kind], 1):
+        images = (degraded(turning(), f"{kind}:{severity}@0.5-3", k, 1, seed=7) for k in (12, 30, 57))
+        assert [float(image.mean()) for image in images] == pytest.approx(means, abs=0.3), severity
+
+
+@pytest.mark.parametrize("kind", STREAM)
+def test_the_frames_that_arrive_are_those_that_the_benchmark_was_frozen_with(kind: str) -> None:
+    digest = hashlib.sha256()
+    for severity in range(1, 6):
+        sequence = degrade_sequence(turning(frames=200), Schedule.parse(f"{kind}:{severity}@1-9"), 7)
+        digest.update(repr([frame.t_ns for frame in sequence.frames]).encode())
+    assert digest.hexdigest()[:16] == FROZEN_STAMPS[kind]
