@@ -67,7 +67,10 @@ def write_constant(workspace: Path, mean: Floats, covariance: Floats) -> str:
     content = {"b_g": mean[:3].tolist(), "b_a": mean[3:].tolist(), "covariance": covariance.tolist()}
     text = json.dumps(content, indent=1)
     name = f"device-{hashlib.sha256(text.encode()).hexdigest()[:8]}.json"
-    workspace.mkdir(parents=True, exist_ok=True)
+    try:
+        workspace.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StudyError(f"{workspace} cannot be the folder of a study: {error.strerror}") from error
     partial = workspace / f".{name}.partial"
     partial.write_text(text)
     partial.replace(workspace / name)

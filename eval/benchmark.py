@@ -12,6 +12,8 @@ from eval.arms import BASE, Arm
 from eval.cells import Cell, Study
 from eval.errors import StudyError
 from eval.sources import Degraded, Recording
+from eval.work import resolved
+from navcore.prior import load_prior
 from navcore.readers import open_sequence
 from navcore.sequence import Sequence
 from sim.benchmark import duration_s
@@ -45,6 +47,7 @@ class Benchmark:
         Files that priors name are copied into `workspace`.
 
         Raises:
+            NavcoreError: a prior is unknown or cannot be read.
             ConfigError: a pattern that matches no cell, or a cell that was asked for by its name does not fit.
             DataError: no recording.
             StudyError: no recordings, one without images, or two of the same name.
@@ -62,6 +65,8 @@ class Benchmark:
             if not any(frame.images for frame in sequence.frames):
                 raise StudyError(f"{path}: the recording has no images to degrade")
             names.add(clean.name)
+            for arm in extra:
+                load_prior(resolved(arm.prior, workspace), sequence)  # a wrong one is said before anything runs
             arms = (Arm(BASE, "none"), *([Arm("truth", "truth")] if _knows_biases(sequence) else []), *extra)
             for step, degrade in self._fitting(steps, sequence, clean.name, left_out):
                 source = Degraded(clean, degrade, self.spec.seed) if degrade else clean

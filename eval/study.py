@@ -49,11 +49,13 @@ def run_study(
         progress: is told how far it is, before the first cell too.
 
     Raises:
-        StudyError: two cells of the study are the same, there is no scheduler at that address, its workers are none
-            or cannot work on this study, or too little room for the images.
+        StudyError: no workers were asked for, two cells of the study are the same, there is no scheduler at that
+            address, its workers are none or cannot work on this study, or too little room for the images.
     """
     begun = time()
     workspace = workspace.resolve()
+    if workers is not None and workers < 1:
+        raise StudyError(f"{workers} workers were asked for; expected 1 or more")
     index = _plan(study, workspace)
     index.write(workspace)
     ledger = Ledger(study.cells, index.keys, workspace, progress)

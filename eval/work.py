@@ -82,7 +82,7 @@ def run_cells(cells: ListLike[Cell], versions: dict[str, str], workspace: Path) 
 
 def _measured(cell: Cell, workspace: Path) -> tuple[dict[str, float], pd.DataFrame]:
     sequence = _loaded(cell.source, workspace)
-    prior = load_prior(_resolved(cell.prior, workspace), sequence)
+    prior = load_prior(resolved(cell.prior, workspace), sequence)
     odometry = load_estimator(cell.estimator)(sequence.calibration, prior, dict(cell.overrides))
     begun = process_time()
     result = run(odometry, sequence)
@@ -124,7 +124,7 @@ def _nees_if_any(result: Run, sequence: Sequence) -> Nees | None:
     return errors if np.isfinite(errors.values).all() else None
 
 
-def _resolved(prior: str, workspace: Path) -> str:
+def resolved(prior: str, workspace: Path) -> str:
     """The prior's specification with a file in the study's folder by its whole path."""
     name, _, argument = prior.partition(":")
     file = argument.partition("?")[0]

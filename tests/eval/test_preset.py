@@ -131,3 +131,9 @@ def test_an_arm_is_reseeded_only_if_it_says_so():
     flight = PointsFlight(Flight("quadrotor", 1.0, 1))
     assert Arm("none", "none").reseeded(flight) is flight
     assert Arm("other", "none", noise_seed=3).reseeded(flight).noise_seed == 3
+
+
+def test_a_file_cannot_be_the_folder_of_a_study(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StudyError, match="cannot be the folder of a study"):
+        write_device(tmp_path / "file", "adis16448", range(1001, 1013))

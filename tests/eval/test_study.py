@@ -154,6 +154,8 @@ def test_a_study_runs_once_and_only_once(tmp_path):
     assert {p: p.stat().st_mtime_ns for p in (tmp_path / "cells").iterdir()} == stamps
     assert [r.key for r in again.records] == [r.key for r in first.records]
     assert [r.key for r in load(tmp_path).records] == [r.key for r in first.records]
+    with pytest.raises(StudyError, match="0 workers were asked for"):
+        run_study(study, tmp_path, workers=0)
     with pytest.raises(StudyError, match="in the study twice"):
         run_study(Study("twice", (cell(), cell())), tmp_path)
 

@@ -51,7 +51,7 @@ def test_a_start_in_motion_begins_in_full_flight() -> None:
 def test_bad_requests_are_refused_with_what_is_allowed() -> None:
     with pytest.raises(ConfigError, match=r"'boat' is unknown; known are \['handheld', 'quadrotor', 'rover'\]"):
         simulate_motion("boat")
-    with pytest.raises(ConfigError, match="expected more than 0"):
+    with pytest.raises(ConfigError, match="expected a time above 0"):
         simulate_motion("quadrotor", 0.0)
     with pytest.raises(ConfigError, match="speed is 9"):
         QuadrotorFlight(speed=9.0)
