@@ -96,10 +96,10 @@ def test_nothing_is_seen_in_a_blackout_and_all_is_new_after_it(flight: Motion) -
 def test_degraded_vision_leaves_fewer_or_shorter_or_noisier_tracks(flight: Motion) -> None:
     foggy = simulate_points(seed=3, motion=flight, degrade="fog:5@5-10")
     assert np.mean([len(f.tracks[0]) for f in foggy.frames[110:190]]) < 80
-    dark = simulate_points(seed=3, motion=flight, degrade="low_light:5@5-10")
+    compressed = simulate_points(seed=3, motion=flight, degrade="jpeg:5@5-10")
     clean = simulate_points(seed=3, motion=flight)
     after_a_second = []
-    for sequence in (dark, clean):
+    for sequence in (compressed, clean):
         a, b = (set(sequence.frames[k].tracks[0].ids.tolist()) for k in (130, 150))
         after_a_second.append(len(a & b))
     assert after_a_second[0] < 0.5 * after_a_second[1]
