@@ -4,18 +4,9 @@ import cv2
 import pytest
 
 from navcore.readers import open_sequence
-from sim.__main__ import main
 from sim.camera import gl
 from sim.errors import RenderError
-
-
-def call(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setattr("sys.argv", ["python -m sim", *arguments])
-    try:
-        main()
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    return 0
+from tests.sim.calls import call
 
 
 def test_record_writes_what_the_reader_reads(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from navcore.readers import open_sequence
-from sim.__main__ import main
 from sim.output import write_recording
+from tests.sim.calls import call
 from tests.sim.degrade.recordings import turning
 
 
@@ -18,19 +18,10 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def call(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
-    monkeypatch.setattr("sys.argv", ["python -m sim", "degrade", *map(str, arguments)])
-    try:
-        main()
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    return 0
-
-
 def test_every_cell_that_is_named_is_written_and_no_other(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, recording: Path
 ) -> None:
-    assert call(monkeypatch, recording, "--cell", "fog-2", "--cell", "low_rate-*", "--out", tmp_path) == 0
+    assert call(monkeypatch, "degrade", recording, "--cell", "fog-2", "--cell", "low_rate-*", "--out", tmp_path) == 0
     assert {p.name for p in tmp_path.iterdir()} == {"fog-2", *(f"low_rate-{k}" for k in range(1, 6))}
     clean, foggy = open_sequence(recording), open_sequence(tmp_path / "fog-2")
     same = [
@@ -46,10 +37,12 @@ def test_what_is_there_is_left_alone_and_what_does_not_fit_is_named(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for _ in range(2):
-        assert call(monkeypatch, recording, "--cell", "jpeg-1", "--cell", "outage-5-*", "--out", tmp_path) == 0
+        assert (
+            call(monkeypatch, "degrade", recording, "--cell", "jpeg-1", "--cell", "outage-5-*", "--out", tmp_path) == 0
+        )
     said = capsys.readouterr().err
     assert "outage-5-early is left out" in said and "jpeg-1 is there already" in said
-    assert call(monkeypatch, recording, "--cell", "outage-5-early", "--out", tmp_path / "other") == 1
+    assert call(monkeypatch, "degrade", recording, "--cell", "outage-5-early", "--out", tmp_path / "other") == 1
     assert "needs 8.4 s" in capsys.readouterr().err
     assert not (tmp_path / "other").exists()
 
@@ -64,7 +57,7 @@ def test_bad_requests_end_before_work_begins(
         (("--degrade", "fog:1@5-6"), "reaches beyond the recording"),
         (("--spec", "v9"), "expected v1"),
     ):
-        assert call(monkeypatch, recording, *arguments, "--out", tmp_path / "x") == 1
+        assert call(monkeypatch, "degrade", recording, *arguments, "--out", tmp_path / "x") == 1
         assert message in " ".join(capsys.readouterr().err.split())
         assert not (tmp_path / "x").exists()
 
@@ -75,6 +68,6 @@ def test_a_recording_is_never_written_into(
     before = sorted(recording.iterdir())
     for how in (("--cell", "fog-2"), ("--degrade", "fog:1@0-1")):
         for out in (recording, recording / "mav0" / "other"):
-            assert call(monkeypatch, recording, *how, "--out", out) == 1
+            assert call(monkeypatch, "degrade", recording, *how, "--out", out) == 1
             assert "is inside the recording" in " ".join(capsys.readouterr().err.split())
     assert sorted(recording.iterdir()) == before

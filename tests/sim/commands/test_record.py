@@ -3,19 +3,10 @@ from pathlib import Path
 import pytest
 
 from navcore.readers import open_sequence
-from sim.__main__ import main
 from sim.imu import GRADES
 from sim.platforms import DIFFICULTIES, PLATFORMS
 from sim.world import SCENES
-
-
-def call(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
-    monkeypatch.setattr("sys.argv", ["python -m sim", *arguments])
-    try:
-        main()
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    return 0
+from tests.sim.calls import call
 
 
 def test_help_lists_what_can_be_chosen(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
