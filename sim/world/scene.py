@@ -43,11 +43,6 @@ class Scene:
     switches: Switches | None = None
     paintings: tuple[Painting, ...] = ()
 
-    @property
-    def z_far(self) -> float:
-        """A distance [m] from the camera beyond which there is nothing."""
-        return _FURTHEST * self.layout.diagonal
-
     def place(self, data: mujoco.MjData, t_s: float) -> None:
         """Put the movers of a model's data where they are at a time."""
         for k, mover in enumerate(self.movers):

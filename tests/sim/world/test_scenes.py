@@ -83,8 +83,7 @@ def test_distances_are_those_of_mujocos_rays(built: Scene, paths: dict[str, Vect
 def test_textures_keep_their_budget_and_the_model_reaches_everything(built: Scene) -> None:
     assert 5e6 < built.model.ntexdata < 200e6
     assert built.model.ntex < 1000  # as many as MuJoCo's renderer takes
-    assert built.z_far > built.layout.diagonal
-    assert built.model.vis.map.zfar * built.model.stat.extent == pytest.approx(built.z_far)
+    assert built.model.vis.map.zfar * built.model.stat.extent > built.layout.diagonal
 
 
 def test_textures_are_neither_dark_nor_burnt(built: Scene) -> None:
