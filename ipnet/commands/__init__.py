@@ -1,0 +1,1 @@
+"""The commands of `python -m ipnet`, one a file: options as a dataclass, and `run`."""

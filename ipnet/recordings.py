@@ -1,0 +1,130 @@
+"""Recordings whose biases are known, from truth or from a file of labels: what is learned from and scored on."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ipnet.errors import LabelError
+from navcore.arrays import Floats, Stamps, frozen
+from navcore.imu import ImuNoise, ImuSamples
+from navcore.readers import open_sequence
+from navcore.sequence import Sequence
+from navcore.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Label:
+    """One bias for a whole sequence.
+
+    Attributes:
+        sequence: the recording's name.
+        bias: (6,) b_g [rad/s], b_a [m/s^2].
+        covariance: (6, 6).
+    """
+
+    sequence: str
+    bias: Floats
+    covariance: Floats
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "bias", frozen("bias", self.bias, np.float64, (6,)))
+        object.__setattr__(self, "covariance", frozen("covariance", self.covariance, np.float64, (6, 6)))
+
+
+@dataclass(frozen=True)
+class Recording:
+    """IMU samples and what is known of their biases.
+
+    Attributes:
+        name: for people; nothing is chosen by it.
+        imu: all samples.
+        noise: of the IMU.
+        truth: the path of the body, or None.
+        label: mean bias of the sequence.
+    """
+
+    name: str
+    imu: ImuSamples
+    noise: ImuNoise
+    truth: Trajectory | None
+    label: Label
+
+    def bias_at(self, t_ns: Stamps) -> Floats:
+        """(N, 6) b_g, b_a: the truth's at that time where it has finite biases, else the label's."""
+        known = _with_biases(self.truth)
+        if known is None:
+            return np.tile(self.label.bias, (len(t_ns), 1))
+        there = known.at(t_ns)
+        assert there.b_g is not None and there.b_a is not None
+        return np.hstack([there.b_g, there.b_a])
+
+
+def read_labels(path: Path) -> dict[str, Label]:
+    """Labels by sequence from a file that `python -m ipnet label` wrote.
+
+    Raises:
+        LabelError: the file is missing or its content is not a list of labels.
+    """
+    expected = "a list of {sequence, b_g (3 rad/s), b_a (3 m/s^2), covariance (6x6)}"
+    if not path.is_file():
+        raise LabelError(f"{path}: no such file; expected {expected}")
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))
+        labels = [Label(str(r["sequence"]), np.array([*r["b_g"], *r["b_a"]]), r["covariance"]) for r in rows]
+    except (ValueError, TypeError, KeyError) as error:
+        raise LabelError(f"{path}: {error!r}; expected {expected}") from error
+    return {label.sequence: label for label in labels}
+
+
+def open_recordings(paths: Iterable[Path], labels: Path | None = None) -> list[Recording]:
+    """The recordings in folders: each path is one, or holds some at any depth.
+
+    Args:
+        paths: folders.
+        labels: for those whose truth has no biases.
+
+    Raises:
+        LabelError: a path holds no recording, or a recording has neither true biases nor a label.
+        DataError: a recording cannot be read.
+    """
+    known = read_labels(labels) if labels is not None else {}
+    return [labelled(open_sequence(folder), known.get(folder.name)) for path in paths for folder in find(path)]
+
+
+def labelled(sequence: Sequence, label: Label | None = None) -> Recording:
+    """A recording with its label, or with the mean of its true biases.
+
+    Raises:
+        LabelError: it has neither.
+    """
+    known = _with_biases(sequence.truth)
+    if label is None:
+        if known is None or known.b_g is None or known.b_a is None:
+            raise LabelError(f"{sequence.name}: its truth has no biases; expected a label: python -m ipnet label")
+        drawn = np.hstack([known.b_g, known.b_a])
+        label = Label(sequence.name, drawn.mean(axis=0), np.cov(drawn.T) + 1e-12 * np.eye(6))
+    return Recording(sequence.name, sequence.imu, sequence.calibration.imu, sequence.truth, label)
+
+
+def find(path: Path) -> list[Path]:
+    """Folders of recordings at or below a path, by name; `mav0` is left out of a folder's path.
+
+    Raises:
+        LabelError: there are none.
+    """
+    inside = sorted(p.parent.parent for p in path.rglob("imu0/data.csv"))
+    found = [p.parent if p.name == "mav0" else p for p in inside]
+    if not found:
+        raise LabelError(f"{path}: holds no recording; expected folders with imu0/data.csv")
+    return found
+
+
+def _with_biases(truth: Trajectory | None) -> Trajectory | None:
+    """Truth where its biases are finite; None if that is nowhere."""
+    if truth is None or truth.b_g is None or truth.b_a is None:
+        return None
+    finite = np.isfinite(np.hstack([truth.b_g, truth.b_a])).all(axis=1)
+    return truth[np.asarray(finite)] if finite.any() else None
