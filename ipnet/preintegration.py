@@ -28,6 +28,9 @@ class Increments:
         delta_v, delta_p: (N, 3) m/s and m, in B at the start.
         J: (N, 9, 6) derivative of (rotation, velocity, position) by (b_g, b_a), rotation on the right.
         Q: (N, 9, 9) covariance of (rotation, velocity, position) from white noise.
+        mean_RT, mean_tRT: (N, 3, 3) means over the interval of delta_R(t)^T and t delta_R(t)^T.
+        mean_RTv: (N, 3) m/s, mean of delta_R(t)^T delta_v(t); so velocity in B is, on average,
+            mean_RT R^T v + mean_tRT R^T g + mean_RTv.
     """
 
     dt: Floats
@@ -36,6 +39,9 @@ class Increments:
     delta_p: Vectors
     J: Floats
     Q: Floats
+    mean_RT: Floats
+    mean_tRT: Floats
+    mean_RTv: Vectors
 
 
 def preintegrate(
@@ -95,7 +101,12 @@ def preintegrate(
     J[:, 3:6, 3:6] = -(R_mid * w).sum(axis=1)
     J[:, 6:9, 3:6] = -(R_mid * (w * left[..., None, None])).sum(axis=1)
     Q = np.zeros((n, 9, 9)) if noise is None else _noise(dt, to_theta, to_v, to_p, R_mid, left, noise)
-    return Increments(T, delta_R, delta_v, delta_p, J, Q)
+    RT = np.swapaxes(R_mid, 2, 3)
+    share = w / T[:, None, None, None]
+    mean_RT = (RT * share).sum(axis=1)
+    mean_tRT = (RT * (share * (T[:, None] - left)[..., None, None])).sum(axis=1)
+    mean_RTv = (_apply(RT, v_mid) * share[..., 0]).sum(axis=1)
+    return Increments(T, delta_R, delta_v, delta_p, J, Q, mean_RT, mean_tRT, mean_RTv)
 
 
 def coverage(samples: ImuSamples) -> tuple[int, int]:

@@ -94,3 +94,18 @@ def test_edges_outside_the_samples_are_refused():
         preintegrate(samples, np.array([0, 3_000_000_000]), np.zeros(3), np.zeros(3))
     with pytest.raises(ConfigError, match="increase"):
         preintegrate(samples, np.array([5, 5]), np.zeros(3), np.zeros(3))
+
+
+def test_means_over_an_interval_are_those_of_its_parts():
+    samples = moving(np.random.default_rng(3))
+    zero, R_0 = np.zeros(3), so3.exp(np.array([0.4, -0.2, 1.0]))
+    v_0, g = np.array([1.0, -0.5, 0.2]), np.array([0.0, 0.0, -9.81])
+    whole = preintegrate(samples, np.array([0, 500_000_000]), zero, zero)
+    got = whole.mean_RT[0] @ R_0.T @ v_0 + whole.mean_tRT[0] @ R_0.T @ g + whole.mean_RTv[0]
+    R, v, seen = R_0, v_0, []
+    for k in range(1000):  # half a millisecond each
+        part = preintegrate(samples, np.array([k, k + 1]) * 500_000, zero, zero)
+        seen.append(R.T @ v)
+        v = v + g * part.dt[0] + R @ part.delta_v[0]
+        R = R @ part.delta_R[0]
+    np.testing.assert_allclose(got, np.mean(seen, axis=0), atol=3e-3)
