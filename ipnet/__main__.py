@@ -1,6 +1,7 @@
 """`python -m ipnet`: labels, networks, motion models, and what they say of a recording's biases."""
 
 import sys
+from collections.abc import Callable
 from typing import Protocol
 
 import tyro
@@ -19,7 +20,7 @@ class Command(Protocol):
         ...
 
 
-COMMANDS: dict[str, type[Command]] = {
+COMMANDS: dict[str, Callable[..., Command]] = {
     "label": Label,
 }
 
