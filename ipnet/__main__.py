@@ -8,6 +8,7 @@ import tyro
 from rich.console import Console
 
 from ipnet.commands.label import Label
+from ipnet.commands.score import Score
 from ipnet.errors import IpnetError
 from navcore.errors import NavcoreError
 
@@ -22,6 +23,7 @@ class Command(Protocol):
 
 COMMANDS: dict[str, Callable[..., Command]] = {
     "label": Label,
+    "score": Score,
 }
 
 
