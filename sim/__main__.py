@@ -9,6 +9,7 @@ from rich.console import Console
 from navcore.errors import NavcoreError
 from sim.commands.check_gl import CheckGl
 from sim.commands.degrade import Degrade
+from sim.commands.fleet import Fleet
 from sim.commands.gallery import Gallery
 from sim.commands.record import Record
 from sim.commands.replay import Replay
@@ -21,6 +22,7 @@ def main() -> None:
     """Parse the command line and run it."""
     command = tyro.cli(
         Annotated[Record, tyro.conf.subcommand("record")]
+        | Annotated[Fleet, tyro.conf.subcommand("fleet")]
         | Annotated[Degrade, tyro.conf.subcommand("degrade")]
         | Annotated[Replay, tyro.conf.subcommand("replay")]
         | Annotated[Severities, tyro.conf.subcommand("severities")]
