@@ -6,9 +6,10 @@ is wrong with the source on this run and never averages out, `e` is short-lived.
 the group `navcore.bias_priors`.
 """
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Literal, Protocol
 
 import numpy as np
@@ -80,15 +81,82 @@ PriorFactory = Callable[[str, Sequence | None], BiasPriorSource]
 """Makes a source from the text behind the colon and the recording it is for (None in live use)."""
 
 
+class Joined:
+    """What is known of the device from one source, what its motion reveals from another.
+
+    The two are independent, so an estimator joins them by Bayes' rule, as it does with one source that knows both.
+    """
+
+    def __init__(self, device: BiasPriorSource, motion: BiasPriorSource) -> None:
+        self._device, self._motion = device, motion
+
+    @property
+    def window_s(self) -> float:
+        """Length of the window behind one measurement [s]."""
+        return self._motion.window_s
+
+    @property
+    def constant_covariance(self) -> Floats:
+        """(6, 6) covariance of the measurements' constant error."""
+        return self._motion.constant_covariance
+
+    def device(self) -> BiasPrior | None:
+        """What is known of this device before it moves."""
+        return self._device.device()
+
+    def add_imu(self, samples: ImuSamples) -> None:
+        """Take new samples, in time order."""
+        self._motion.add_imu(samples)
+
+    def poll(self, t_ns: int) -> list[BiasPrior]:
+        """The measurements that became available up to IMU time `t_ns`, each given once, in time order."""
+        return self._motion.poll(t_ns)
+
+
 def load_prior(spec: str, sequence: Sequence | None = None) -> BiasPriorSource:
     """The source that `spec` names: `NAME` or `NAME:ARGUMENT`, as `none` or `constant:device.json`.
+
+    Two, separated by a comma, are joined if just one of them knows the device: `constant:device.json,truth`.
+
+    Raises:
+        ConfigError: a name is unknown, and the message lists the known ones; or the sources cannot be joined.
+    """
+    sources = [_load(part, sequence) for part in split_prior(spec)]
+    if len(sources) == 1:
+        return sources[0]
+    devices = [source for source in sources if source.device() is not None]
+    motions = [source for source in sources if source.device() is None]
+    if len(devices) != 1 or len(motions) != 1:
+        raise ConfigError(
+            f"bias prior {spec!r} joins {len(devices)} sources that know the device and {len(motions)} that do not;"
+            " expected one of each, as constant:FILE.json,NAME"
+        )
+    return Joined(devices[0], motions[0])
+
+
+def split_prior(spec: str) -> tuple[str, ...]:
+    """The sources that a specification joins. A comma separates two if the name of a source follows it."""
+    names = "|".join(re.escape(name) for name in _known())
+    return tuple(re.split(rf",(?=(?:{names})(?:[:,]|$))", spec))
+
+
+def prior_entry(name: str) -> EntryPoint:
+    """The entry point behind a source's name.
 
     Raises:
         ConfigError: the name is unknown; the message lists the known ones.
     """
-    name, _, argument = spec.partition(":")
-    known = {entry.name: entry for entry in entry_points(group=GROUP)}
+    known = _known()
     if name not in known:
         raise ConfigError(f"bias prior {name!r} is unknown; known are {', '.join(sorted(known))}")
-    factory: PriorFactory = known[name].load()
+    return known[name]
+
+
+def _load(part: str, sequence: Sequence | None) -> BiasPriorSource:
+    name, _, argument = part.partition(":")
+    factory: PriorFactory = prior_entry(name).load()
     return factory(argument, sequence)
+
+
+def _known() -> dict[str, EntryPoint]:
+    return {entry.name: entry for entry in entry_points(group=GROUP)}

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from navcore.errors import ConfigError, DataError
-from navcore.prior import BiasPrior, load_prior
+from navcore.prior import BiasPrior, load_prior, split_prior
 from navcore.trajectory import Trajectory
 from tests.navcore.recordings import sequence
 
@@ -177,6 +177,50 @@ def test_truth_needs_a_recording_with_true_biases(given, says):
 def test_wrong_sigmas_of_truth(argument):
     with pytest.raises(ConfigError, match="expected truth or truth:SIGMA_G,SIGMA_A"):
         load_prior(f"truth:{argument}", sequence())
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_device_and_a_source_of_measurements_are_joined(tmp_path, order):
+    specs = f"constant:{device_file(tmp_path)}", f"file:{rows_file(tmp_path)}?window=8&constant_share=0.25"
+    known, says = (load_prior(spec) for spec in specs)
+    both = load_prior(",".join(specs[k] for k in order))
+    np.testing.assert_array_equal(both.device().vector, known.device().vector)
+    np.testing.assert_array_equal(both.device().covariance, known.device().covariance)
+    np.testing.assert_array_equal(both.constant_covariance, says.constant_covariance)
+    assert both.window_s == says.window_s == 8.0
+    both.add_imu(sequence().imu)
+    for t_ns in (14 * S - 1, 14 * S, 100 * S):
+        np.testing.assert_array_equal([m.vector for m in both.poll(t_ns)], [m.vector for m in says.poll(t_ns)])
+    assert both.poll(2**62) == []
+
+
+@pytest.mark.parametrize(
+    ("spec", "parts"),
+    [
+        ("none", ("none",)),
+        ("truth:1e-3,0.5", ("truth:1e-3,0.5",)),
+        ("truth:1e-3,0.5,constant:a.json", ("truth:1e-3,0.5", "constant:a.json")),
+        ("constant:a,b.json,truth", ("constant:a,b.json", "truth")),
+        ("file:a.csv?window=5&constant_share=0,none", ("file:a.csv?window=5&constant_share=0", "none")),
+        ("constant:truth,nonesuch.json", ("constant:truth,nonesuch.json",)),
+        ("nine,none", ("nine", "none")),
+    ],
+)
+def test_a_comma_separates_sources_only_before_the_name_of_one(spec, parts):
+    assert split_prior(spec) == parts
+
+
+def test_what_cannot_be_joined_is_named(tmp_path):
+    device, rows = f"constant:{device_file(tmp_path)}", f"file:{rows_file(tmp_path)}"
+    for spec, says in (
+        (f"{device},{device}", "joins 2 sources that know the device and 0 that do not"),
+        (f"{rows},none", "joins 0 sources that know the device and 2 that do not"),
+        (f"{device},{rows},none", "joins 1 sources that know the device and 2 that do not"),
+    ):
+        with pytest.raises(ConfigError, match=says):
+            load_prior(spec, sequence())
+    with pytest.raises(ConfigError, match="bias prior 'nine' is unknown"):
+        load_prior(f"nine:x,{device}", sequence())
 
 
 @pytest.mark.parametrize(
