@@ -7,7 +7,9 @@ from typing import Protocol
 import tyro
 from rich.console import Console
 
+from ipnet.commands.device import Device
 from ipnet.commands.label import Label
+from ipnet.commands.rivals import WindowMean
 from ipnet.commands.score import Score
 from ipnet.errors import IpnetError
 from navcore.errors import NavcoreError
@@ -23,7 +25,9 @@ class Command(Protocol):
 
 COMMANDS: dict[str, Callable[..., Command]] = {
     "label": Label,
+    "device": Device,
     "score": Score,
+    "window-mean": WindowMean,
 }
 
 

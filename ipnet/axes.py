@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ipnet.directions import along_first
 from ipnet.errors import ConfigError
 from ipnet.runs import Span
 from navcore.arrays import Floats, Vectors, frozen
@@ -32,7 +33,8 @@ class Axes:
     @property
     def R6(self) -> Floats:
         """(6, 6) for both sensors."""
-        return np.kron(np.eye(2), self.R_FB)
+        R6: Floats = np.kron(np.eye(2), self.R_FB)
+        return R6
 
     @property
     def pooling(self) -> Floats:
@@ -54,7 +56,7 @@ def axes_of(frame: str, spans: Iterable[Span]) -> Axes:
         return Axes(np.eye(3), names, tuple((k,) for k in range(6)))
     direction = _mean_force(spans) if frame == "thrust" else _direction(frame)
     names = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accel") for axis in ("along", "across"))
-    return Axes(_along_first(direction), names, ((0,), (1, 2), (3,), (4, 5)))
+    return Axes(along_first(direction), names, ((0,), (1, 2), (3,), (4, 5)))
 
 
 def _direction(text: str) -> Vectors:
@@ -64,7 +66,8 @@ def _direction(text: str) -> Vectors:
         raise ConfigError(f"frame is {text!r}, {_EXPECTED}") from error
     if direction.shape != (3,) or not 0.0 < float(np.linalg.norm(direction)) < np.inf:
         raise ConfigError(f"frame is {text!r}, {_EXPECTED}")
-    return direction / np.linalg.norm(direction)
+    unit: Vectors = direction / np.linalg.norm(direction)
+    return unit
 
 
 def _mean_force(spans: Iterable[Span]) -> Vectors:
@@ -72,10 +75,3 @@ def _mean_force(spans: Iterable[Span]) -> Vectors:
     force = np.sum([s.sequence.imu.accel.mean(axis=0) - s.bias[:, 3:].mean(axis=0) for s in spans], axis=0)
     direction: Vectors = force / np.linalg.norm(force)
     return direction
-
-
-def _along_first(direction: Vectors) -> Floats:
-    """(3, 3) a rotation whose first row is the direction."""
-    side = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
-    side /= np.linalg.norm(side)
-    return np.stack([direction, side, np.cross(direction, side)])

@@ -58,7 +58,7 @@ def tables(scores: Scores) -> list[Table]:
 
 
 def _windows(arms: tuple[ArmScore, ...], columns: tuple[str, ...]) -> list[Table]:
-    spoken = [(a.arm, a.windows) for a in arms if a.windows is not None and not a.arm.endswith(" + device")]
+    spoken = [(a.arm, a.windows) for a in arms if a.windows is not None and not a.joined]
     if not spoken:
         return []
     error = tuple(_row(f"{arm} ({w.count})", [f"{x:.2g}" for x in w.rmse]) for arm, w in spoken)

@@ -54,7 +54,7 @@ class ArmScore:
     """One source from one start.
 
     Attributes:
-        arm: spec of the source; with `+ device` where that was joined in.
+        arm: spec of the source; with the device's before it where that was joined in.
         over_run: of the fused estimate at the end of each run.
         windows: of the single measurements, with what is constant over a run in the stated covariance; None if the
             source made none.
@@ -63,6 +63,7 @@ class ArmScore:
         response_matrix: (6, 6) the same from each axis (column) to each (row).
         gain: (G,) nats of likelihood over a run above the constant prior's.
         silent: runs without a measurement.
+        joined: whether the config's device was joined in; single measurements are the same with and without.
     """
 
     arm: str
@@ -72,6 +73,7 @@ class ArmScore:
     response_matrix: tuple[tuple[float, ...], ...]
     gain: tuple[float, ...]
     silent: int
+    joined: bool
 
 
 @dataclass(frozen=True)
@@ -133,7 +135,7 @@ def score(spans: ListLike[Span], config: ScoreConfig, progress: Progress | None 
         own = answers[0].plain.device
         arms.append(_arm(spec, own or start, spans, answers, axes, constant, config))
         if own is None and device is not None:
-            arms.append(_arm(f"{spec} + device", device, spans, answers, axes, constant, config))
+            arms.append(_arm(f"{config.device},{spec}", device, spans, answers, axes, constant, config))
     seconds = float(np.mean([(s.end_ns - s.begin_ns) * 1e-9 for s in spans]))
     return Scores(config, recordings, len(spans), seconds, axes, constant, tuple(arms))
 
@@ -171,6 +173,7 @@ def _arm(
         () if matrix is None else tuple(tuple(row) for row in matrix.tolist()),
         tuple(c - own for c, own in zip(constant.nll, over_run.nll, strict=True)),
         sum(not a.plain.measurements for a in answers),
+        name.startswith(f"{config.device},"),
     )
 
 

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from ipnet.errors import ConfigError
+from ipnet.files import write_text
 from ipnet.fusion import SPREAD
 from ipnet.offsets import OFFSET
 from ipnet.recordings import open_recordings
@@ -49,11 +50,8 @@ class Score:
 
 
 def _write(scores: Scores, path: Path) -> None:
-    """The file appears whole or not."""
     if path.suffix == ".json":
         text = json.dumps(scores.as_dict(), indent=1) + "\n"
     else:
         text = "\n".join(table.markdown() for table in tables(scores))
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(text, encoding="utf-8")
-    partial.replace(path)
+    write_text(path, text)

@@ -1,0 +1,172 @@
+"""`window-mean[:NAME]`: whatever a window of the IMU says on average is its bias.
+
+The mean rate is the gyroscope's bias. Of the specific force either its excess over gravity counts, along its mean
+direction, and nothing is known across; or, where the calibration holds the mean force of the platform, the whole
+difference to that counts.
+"""
+
+import json
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from ipnet.calibration import ErrorModel, WindowErrors, fit
+from ipnet.directions import along_first
+from ipnet.errors import ConfigError
+from ipnet.recordings import Recording
+from ipnet.windows import Grid, ImuWindow, WindowStream
+from navcore.arrays import Floats, Vectors, frozen
+from navcore.imu import GRAVITY, ImuSamples
+from navcore.prior import BiasPrior, BiasPriorSource
+from navcore.sequence import Sequence
+
+_FOLDER = files("ipnet.rivals") / "calibrations"
+_RATE_HZ = 50.0
+_UNKNOWN = 3.0  # m/s^2, sd across the force: more than any bias
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What was found on recordings with known biases.
+
+    Attributes:
+        seconds: length of a window; a statement comes every fifth of it.
+        force: (3,) m/s^2 mean specific force of the platform in B, or None where the mount may be any.
+        errors: of the statements; without a `force` the accelerometer's axes are along the window's mean force, which
+            alone is known, and across.
+        recordings: what it was fitted to.
+    """
+
+    seconds: float
+    force: Vectors | None
+    errors: ErrorModel
+    recordings: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if self.force is not None:
+            object.__setattr__(self, "force", frozen("force", self.force, np.float64, (3,)))
+
+    @property
+    def grid(self) -> Grid:
+        """Of its windows."""
+        return Grid(self.seconds, _RATE_HZ, 0.2 * self.seconds)
+
+    @property
+    def constant_covariance(self) -> Floats:
+        """(6, 6) of the error that is constant over a run, in B."""
+        if self.force is not None:
+            return self.errors.constant
+        constant = np.zeros((6, 6))
+        constant[:3, :3] = self.errors.constant[:3, :3]
+        constant[3:, 3:] = self.errors.constant[3, 3] * np.eye(3)  # along the force, wherever that points
+        return constant
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        force = None if self.force is None else self.force.tolist()
+        return {**vars(self), "force": force, "errors": self.errors.as_dict()}
+
+    @staticmethod
+    def from_dict(content: dict[str, Any]) -> "Calibration":
+        """From what `as_dict` gave."""
+        named = {"errors": ErrorModel.from_dict(content["errors"]), "recordings": tuple(content["recordings"])}
+        return Calibration(**{**content, **named})
+
+
+class WindowMean:
+    """The source."""
+
+    def __init__(self, calibration: Calibration) -> None:
+        self.window_s = calibration.seconds
+        self.constant_covariance = calibration.constant_covariance
+        self._calibration = calibration
+        self._stream = WindowStream(calibration.grid)
+        self._ready: list[BiasPrior] = []
+
+    def device(self) -> BiasPrior | None:
+        """Nothing is known of a device."""
+        return None
+
+    def add_imu(self, samples: ImuSamples) -> None:
+        """Take new samples, in time order."""
+        self._ready += [statement(window, self._calibration) for window in self._stream.add(samples)]
+
+    def poll(self, t_ns: int) -> list[BiasPrior]:
+        """The windows that are over, each once; `t_ns` is never before the samples that were added."""
+        ready, self._ready = self._ready, []
+        return ready
+
+
+def make(argument: str, sequence: Sequence | None) -> BiasPriorSource:
+    """The source with the calibration of that name; `generic-5` without one.
+
+    Raises:
+        ConfigError: the name is unknown.
+    """
+    return WindowMean(load(argument or "generic-5"))
+
+
+def load(name: str) -> Calibration:
+    """A shipped calibration.
+
+    Raises:
+        ConfigError: there is none of that name; the message lists the names.
+    """
+    known = sorted(f.name.removesuffix(".json") for f in _FOLDER.iterdir() if f.name.endswith(".json"))
+    if name not in known:
+        raise ConfigError(f"window-mean {name!r} is unknown; known are {', '.join(known)}")
+    return Calibration.from_dict(json.loads((_FOLDER / f"{name}.json").read_text(encoding="utf-8")))
+
+
+def statement(window: ImuWindow, calibration: Calibration) -> BiasPrior:
+    """What a window says."""
+    b_g, b_a, R_FB = _means(window, calibration.force)
+    variance = calibration.errors.variance(np.ones(6))
+    if calibration.force is None:
+        variance[4:] = _UNKNOWN**2
+    covariance = np.diag(variance)
+    covariance[3:, 3:] = R_FB.T @ covariance[3:, 3:] @ R_FB
+    return BiasPrior(window.middle_ns, b_g, b_a, covariance)
+
+
+def calibrate(recordings: list[Recording], seconds: float, mounted: bool) -> Calibration:
+    """Find a calibration on recordings with known biases.
+
+    Args:
+        recordings: of the platforms for which it shall hold.
+        seconds: length of a window.
+        mounted: the IMU always sits in the platform in the same way, so that its mean force can be known.
+
+    Raises:
+        ConfigError: fewer than two recordings are long enough.
+    """
+    grid = Grid(seconds, _RATE_HZ, 0.2 * seconds)
+    windows = {r.name: list(WindowStream(grid).add(r.imu)) for r in recordings}
+    force = None
+    if mounted:
+        means = [w.values[:, 3:].mean(axis=0) - r.label.bias[3:] for r in recordings for w in windows[r.name]]
+        force = np.mean(means, axis=0)
+    errors = [_errors(r, windows[r.name], force) for r in recordings if windows[r.name]]
+    return Calibration(seconds, force, fit(errors, seconds), tuple(e.recording for e in errors))
+
+
+def _errors(recording: Recording, windows: list[ImuWindow], force: Vectors | None) -> WindowErrors:
+    t_ns = np.array([w.middle_ns for w in windows], dtype=np.int64)
+    truth = recording.bias_at(t_ns)
+    rows = []
+    for window, b in zip(windows, truth, strict=True):
+        b_g, b_a, R_FB = _means(window, force)
+        rows.append(np.concatenate([b_g - b[:3], R_FB @ (b_a - b[3:])]))
+    return WindowErrors(recording.name, t_ns, np.array(rows), np.ones((len(rows), 6)))
+
+
+def _means(window: ImuWindow, force: Vectors | None) -> tuple[Vectors, Vectors, Floats]:
+    """b_g, b_a, and the axes of the accelerometer's error: B, or along the force first where only that is known."""
+    mean = window.values.mean(axis=0)
+    if force is not None:
+        return mean[:3], mean[3:] - force, np.eye(3)
+    direction = mean[3:] / np.linalg.norm(mean[3:])
+    excess = float(np.linalg.norm(window.values[:, 3:], axis=1).mean()) - GRAVITY
+    return mean[:3], excess * direction, along_first(direction)
