@@ -13,7 +13,7 @@ from eval.cells import Cell, Study
 from eval.errors import StudyError
 from eval.sources import Degraded, Recording
 from eval.work import resolved
-from navcore.prior import load_prior
+from navcore.prior import load_prior, split_prior
 from navcore.readers import open_sequence
 from navcore.sequence import Sequence
 from sim.benchmark import duration_s
@@ -131,11 +131,15 @@ def _knows_biases(sequence: Sequence) -> bool:
 
 
 def _kept(prior: str, workspace: Path) -> str:
-    """The prior with its file in the study's folder, named by its content too; unchanged if it has none."""
-    name, _, argument = prior.partition(":")
+    """The prior with its files in the study's folder, named by their content too; unchanged if it has none."""
+    return ",".join(_part_kept(part, workspace) for part in split_prior(prior))
+
+
+def _part_kept(part: str, workspace: Path) -> str:
+    name, _, argument = part.partition(":")
     path = Path(argument.partition("?")[0])
     if not argument or not path.is_file():
-        return prior
+        return part
     data = path.read_bytes()
     copy = f"{path.stem}-{hashlib.sha256(data).hexdigest()[:8]}{path.suffix}"
     workspace.mkdir(parents=True, exist_ok=True)

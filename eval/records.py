@@ -35,6 +35,7 @@ class Record:
         series: every few frames: `t_ns`, `t_s` from the first frame, health, tracked, used, the state, its
             standard deviations (`sigma_dtheta_x`...), NEES by block, and the truth (`true_p_WB_x`...).
             A value that nobody knows is missing.
+        statements: what the source of bias priors said, as `eval.statements.tabulate` puts it.
     """
 
     key: str
@@ -44,6 +45,7 @@ class Record:
     scores: dict[str, float] = field(default_factory=dict)
     failure: str | None = None
     series: pd.DataFrame = field(default_factory=pd.DataFrame)
+    statements: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     def column(self, name: str) -> Floats:
         """(M, 3 or 4) of a vector of the series, as `p_WB`, `sigma_db_g` or `true_b_a`; NaN where missing."""
@@ -62,6 +64,7 @@ def write(record: Record, folder: Path) -> None:
     path = path_of(folder, record.key)
     path.parent.mkdir(parents=True, exist_ok=True)
     head = {name: value for name, value in asdict(record).items() if name != "series"}
+    head["statements"] = record.statements.to_dict("list")
     table = pa.Table.from_pandas(record.series, preserve_index=False)
     table = table.replace_schema_metadata({_META: json.dumps(head, allow_nan=False).encode()})
     partial = path.with_name(f".{path.name}.{uuid4().hex}.partial")  # a cell may run twice, on two machines
@@ -83,9 +86,10 @@ def read(path: Path) -> Record:
     try:
         table = pq.read_table(path)
         head = json.loads(table.schema.metadata[_META])
+        statements = pd.DataFrame(head.pop("statements"))
     except (pa.ArrowInvalid, KeyError, TypeError, ValueError) as error:
         raise StudyError(f"{path}: not a record of a cell: {error}") from error
-    return Record(**head, series=table.to_pandas())
+    return Record(**head, series=table.to_pandas(), statements=statements)
 
 
 def tabulate(run: Run, first_frame_ns: int, truth: Trajectory | None, nees: Nees | None) -> pd.DataFrame:

@@ -63,7 +63,7 @@ def run_study(
     errors = []
     if ledger.batches:
         with _client(scheduler, workers) as client:
-            place = Workplace(index.versions, _estimators(study), workspace)
+            place = Workplace(index.versions, _estimators(study), _priors(study), workspace)
             ledger.start(_able_workers(client, place))
             errors = list(_run(client, ledger, place))
     else:
@@ -74,7 +74,7 @@ def run_study(
 
 def _plan(study: Study, workspace: Path) -> Index:
     """The list of the study's cells; the time is that of an earlier run of the same cells."""
-    made_with = versions(_estimators(study))
+    made_with = versions(_estimators(study), _priors(study))
     names: set[tuple[Any, ...]] = set()
     for cell in study.cells:
         name = (cell.platform, cell.regime, cell.condition, cell.seed, cell.estimator, cell.arm)
@@ -90,6 +90,11 @@ def _plan(study: Study, workspace: Path) -> Index:
 
 def _estimators(study: Study) -> tuple[str, ...]:
     return tuple(sorted({c.estimator for c in study.cells}))
+
+
+def _priors(study: Study) -> tuple[str, ...]:
+    specs = {c.prior: c for c in study.cells}
+    return tuple(sorted({name for cell in specs.values() for name in cell.priors}))
 
 
 def _able_workers(client: Client, place: Workplace) -> int:

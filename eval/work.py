@@ -18,9 +18,10 @@ from eval.cells import Cell, Source
 from eval.consistency import Nees, nees
 from eval.errors import ScoreError, StudyError
 from eval.metrics import score
+from eval.statements import Overheard, tabulate
 from navcore.calibration import Calibration
 from navcore.odometry import Health, Odometry, Run, run
-from navcore.prior import BiasPriorSource, load_prior
+from navcore.prior import BiasPriorSource, load_prior, split_prior
 from navcore.sequence import Sequence
 
 GROUP = "navcore.odometry"
@@ -61,16 +62,16 @@ def run_cell(cell: Cell, versions: dict[str, str], workspace: Path) -> str:
         return key
     begun = perf_counter()
     scores: dict[str, float] = {}
-    series, failure = pd.DataFrame(), None
+    series, statements, failure = pd.DataFrame(), pd.DataFrame(), None
     with threadpool_limits(1):
         try:
-            scores, series = _measured(cell, workspace)
+            scores, series, statements = _measured(cell, workspace)
         except StudyError:
             raise
         except Exception as error:
             failure = f"{type(error).__name__}: {error}"
     scores = scores | {"wall_s": perf_counter() - begun}
-    record = records.Record(key, cell.title, cell.config, versions, scores, failure, series)
+    record = records.Record(key, cell.title, cell.config, versions, scores, failure, series, statements)
     records.write(record, workspace)
     return key
 
@@ -80,9 +81,10 @@ def run_cells(cells: ListLike[Cell], versions: dict[str, str], workspace: Path) 
     return [run_cell(cell, versions, workspace) for cell in cells]
 
 
-def _measured(cell: Cell, workspace: Path) -> tuple[dict[str, float], pd.DataFrame]:
+def _measured(cell: Cell, workspace: Path) -> tuple[dict[str, float], pd.DataFrame, pd.DataFrame]:
+    """Scores, series and the prior's statements."""
     sequence = _loaded(cell.source, workspace)
-    prior = load_prior(resolved(cell.prior, workspace), sequence)
+    prior = Overheard(load_prior(resolved(cell.prior, workspace), sequence))
     odometry = load_estimator(cell.estimator)(sequence.calibration, prior, dict(cell.overrides))
     begun = process_time()
     result = run(odometry, sequence)
@@ -90,7 +92,8 @@ def _measured(cell: Cell, workspace: Path) -> tuple[dict[str, float], pd.DataFra
     scores = summary(result, sequence) | {"cpu_ms_per_frame": 1e3 * cpu_s / max(len(result.estimates), 1)}
     errors = _nees_if_any(result, sequence)
     first_ns = sequence.frames[0].t_ns if sequence.frames else 0
-    return scores, records.tabulate(result, first_ns, sequence.truth, errors)
+    said = tabulate(prior.statements, prior.constant_covariance, first_ns)
+    return scores, records.tabulate(result, first_ns, sequence.truth, errors), said
 
 
 @lru_cache(maxsize=1)
@@ -125,7 +128,11 @@ def _nees_if_any(result: Run, sequence: Sequence) -> Nees | None:
 
 
 def resolved(prior: str, workspace: Path) -> str:
-    """The prior's specification with a file in the study's folder by its whole path."""
-    name, _, argument = prior.partition(":")
+    """The prior's specification with files in the study's folder by their whole paths."""
+    return ",".join(_resolved(part, workspace) for part in split_prior(prior))
+
+
+def _resolved(part: str, workspace: Path) -> str:
+    name, _, argument = part.partition(":")
     file = argument.partition("?")[0]
-    return f"{name}:{workspace / argument}" if file and (workspace / file).is_file() else prior
+    return f"{name}:{workspace / argument}" if file and (workspace / file).is_file() else part

@@ -14,19 +14,20 @@ class Workplace:
 
     Attributes:
         versions: as `eval.cells.versions` gives them.
-        estimators: for which it gave them.
+        estimators, priors: for which it gave them.
         folder: of the study; the same for all workers.
     """
 
     versions: dict[str, str]
     estimators: tuple[str, ...]
+    priors: tuple[str, ...]
     folder: Path
 
     def objection(self) -> str:
         """Why this process must not work on the study; empty if it may."""
         if not self.folder.is_dir():
             return f"does not see the study's folder {self.folder}"
-        here = _versions_here(self.estimators)
+        here = _versions_here(self.estimators, self.priors)
         other = [f"{k} {here.get(k)} instead of {v}" for k, v in self.versions.items() if here.get(k) != v]
         return f"runs other versions than the study: {', '.join(other)}" if other else ""
 
@@ -42,6 +43,6 @@ class Workplace:
 
 
 @lru_cache
-def _versions_here(estimators: tuple[str, ...]) -> dict[str, str]:
+def _versions_here(estimators: tuple[str, ...], priors: tuple[str, ...]) -> dict[str, str]:
     """What this process runs, as it was when it was first asked: code that is loaded stays what it was."""
-    return versions(estimators)
+    return versions(estimators, priors)

@@ -46,14 +46,15 @@ class FakeFlight:
 
 
 class FakeOdometry:
-    """Answers each frame with the truth plus noise of a known spread; the bias prior is not looked at.
+    """Answers each frame with the truth plus noise of a known spread; a bias prior is asked, and not believed.
 
     Overrides: `scale` of the errors; `draw`, the seed of the noise; `fail`, a message to raise;
     `blind_after`, the frame from which there is no state; `kill_once`, a file: the first time that it is
     missing the whole process ends hard; `diary`, a file that gets a line for every run that begins; `sleep_s`.
     """
 
-    def __init__(self, overrides: Mapping[str, Any]) -> None:
+    def __init__(self, overrides: Mapping[str, Any], prior: BiasPriorSource | None = None) -> None:
+        self._prior = prior
         self._options = {"scale": 1.0, "draw": 0, "fail": "", "blind_after": 10**9, "kill_once": ""}
         self._options |= {"diary": "", "sleep_s": 0.0} | overrides
         self._rng = np.random.default_rng(self._options["draw"])
@@ -70,6 +71,8 @@ class FakeOdometry:
 
     def add_frame(self, frame: Frame) -> list[Estimate]:
         self._seen += 1
+        if self._prior is not None:
+            self._prior.poll(frame.t_ns)
         if self._options["fail"] and self._seen > 10:
             raise RuntimeError(self._options["fail"])
         flag = self._options["kill_once"]
@@ -93,3 +96,10 @@ def make(
     calibration: Calibration, prior: BiasPriorSource, overrides: Mapping[str, Any], seed_state: Any = None
 ) -> FakeOdometry:
     return FakeOdometry(overrides)
+
+
+def make_asking(
+    calibration: Calibration, prior: BiasPriorSource, overrides: Mapping[str, Any], seed_state: Any = None
+) -> FakeOdometry:
+    """The same, and it asks the prior at every frame."""
+    return FakeOdometry(overrides, prior)

@@ -112,11 +112,11 @@ def test_workers_that_cannot_do_it_are_named_before_anything_runs(tmp_path, monk
 
 
 def test_a_worker_with_other_versions_that_comes_late_does_nothing(tmp_path):
-    place = workplace.Workplace({"numpy": "0.1"}, (), tmp_path)
+    place = workplace.Workplace({"numpy": "0.1"}, (), (), tmp_path)
     with pytest.raises(StudyError, match="a worker runs other versions"):
         module._batch([cell()], place, None)
     with pytest.raises(StudyError, match="does not see the study's folder"):
-        module._batch([cell()], workplace.Workplace({}, (), tmp_path / "elsewhere"), None)
+        module._batch([cell()], workplace.Workplace({}, (), (), tmp_path / "elsewhere"), None)
     assert not (tmp_path / "cells").exists()
 
 

@@ -14,7 +14,7 @@ from eval.errors import StudyError
 from eval.outcome import load
 from eval.records import Record
 from eval.study import run_study
-from eval.work import load_estimator, run_cell
+from eval.work import load_estimator, resolved, run_cell
 from tests.eval.fakes import FakeFlight
 
 FAKE = "tests.eval.fakes:make"
@@ -58,6 +58,72 @@ def test_versions_change_with_the_code(tmp_path, monkeypatch):
     assert before == versions(("strange_estimator:make",))
     (package / "__init__.py").write_text("a = 2\n")
     assert before["code"] != versions(("strange_estimator:make",))["code"]
+
+
+def prior_package(folder, name, **files):
+    """A package of one's own with a source of bias priors, as pip would install it."""
+    package, info = folder / f"{name}_source", folder / f"{name}_source-2.5.dist-info"
+    for place in (package, info):
+        place.mkdir(exist_ok=True)
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}-source\nVersion: 2.5\n")
+    (info / "entry_points.txt").write_text(f"[navcore.bias_priors]\n{name} = {name}_source:make\n")
+    (package / "__init__.py").write_text("")
+    for file, content in files.items():
+        (package / file.replace("_", ".")).write_text(content)
+
+
+def test_a_prior_of_another_package_counts_with_its_weights_for_its_own_cells_only(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(tmp_path))
+    prior_package(tmp_path, "guess", weights_onnx="old", card_md="old")
+    prior_package(tmp_path, "oracle")
+    names = ("guess", "none", "oracle", "truth")
+    none, guess, oracle = (replace(cell(), prior=f"{name}:x") for name in ("none", "guess", "oracle"))
+    joined = replace(cell(), prior="constant:device.json,guess:x")
+    assert joined.priors == ("constant", "guess")
+
+    def made():
+        found = versions((FAKE,), names)
+        return found, [c.key(found) for c in (none, oracle, guess, joined)]
+
+    before, keys = made()
+    assert before["prior guess"].startswith("guess-source 2.5 ")
+    assert {name for name in before if name.startswith("prior ")} == {"prior guess", "prior oracle"}
+    prior_package(tmp_path, "guess", weights_onnx="old", card_md="new")
+    assert made() == (before, keys)
+    for change in ({"weights_onnx": "new"}, {"model_py": "x = 1"}):
+        prior_package(tmp_path, "guess", **change)
+        after, others = made()
+        assert after["prior guess"] != before["prior guess"]
+        assert [a == b for a, b in zip(keys, others, strict=True)] == [True, True, False, False]
+        before, keys = after, others
+    assert versions((FAKE,), ("nonsense",))["prior nonsense"] == "unknown"
+
+
+def test_files_of_a_joined_prior_are_looked_for_in_the_studys_folder(tmp_path):
+    (tmp_path / "device.json").write_text("{}")
+    (tmp_path / "rows.csv").write_text("")
+    whole = f"constant:{tmp_path}/device.json,file:{tmp_path}/rows.csv?window=8"
+    assert resolved("constant:device.json,file:rows.csv?window=8", tmp_path) == whole
+    assert resolved("constant:other.json,truth:1e-3,0.5", tmp_path) == "constant:other.json,truth:1e-3,0.5"
+
+
+def test_what_the_prior_said_is_kept_word_for_word(tmp_path):
+    """Five statements; two of them fall together in what is kept, the last is never asked for."""
+    t_s = [1.0, 2.0, 2.1, 3.0, 30.0]
+    first = FakeFlight(1).load(tmp_path).frames[0].t_ns
+    rows = [f"{first + round(t * 1e9)},1,2,3,4,5,{k},1,1,1,2,2,2" for k, t in enumerate(t_s)]
+    (tmp_path / "rows.csv").write_text("\n".join(rows))
+    spec = "file:rows.csv?window=0&constant_share=0.36"
+    asking = replace(cell(), estimator="tests.eval.fakes:make_asking", prior=spec)
+    found = records.read(records.path_of(tmp_path, run_cell(asking, MADE_WITH, tmp_path)))
+    said = found.statements
+    np.testing.assert_allclose(said["t_s"], [1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(said["t_ns"], first + np.array([1, 2, 3]) * 1_000_000_000)
+    np.testing.assert_array_equal(said["b_a_z"], [0, 1, 3])
+    np.testing.assert_allclose(said[["b_g_x", "b_a_y"]], [[1, 5]] * 3)
+    np.testing.assert_allclose(said[["sigma_db_g_x", "sigma_db_a_z"]], [[1, 2]] * 3)  # the whole error
+    silent = records.read(records.path_of(tmp_path, run_cell(cell(), MADE_WITH, tmp_path)))
+    assert silent.statements.empty and list(silent.statements.columns) == list(said.columns)
 
 
 def test_a_record_comes_back_as_it_was_written(tmp_path):
