@@ -34,6 +34,28 @@ class Arm:
         return replace(source, noise_seed=self.noise_seed) if self.noise_seed is not None else source
 
 
+def told(platform: str, device: str, joined: bool = True) -> tuple[Arm, ...]:
+    """What a study of a simulated platform tells, from nothing to the truth.
+
+    Memory of the device and what motion reveals are arms apart, since the one is no claim for the other.
+
+    Args:
+        platform: whose sources of measurements are meant.
+        device: file for the prior `constant`.
+        joined: also both sources of measurements together, without the device and with it.
+    """
+    both = f"ipnet+motion:sim-{platform}"
+    together = (Arm("ipnet+motion", both), Arm("constant, ipnet+motion", f"constant:{device},{both}"))
+    return (
+        Arm(BASE, "none"),
+        Arm("constant", f"constant:{device}"),
+        Arm("ipnet", f"ipnet:sim-{platform}"),
+        Arm("motion", f"motion:sim-{platform}"),
+        *(together if joined else ()),
+        Arm("truth", "truth"),
+    )
+
+
 def write_device(workspace: Path, imu: str, seeds: range) -> str:
     """What other recordings say of the device, for the prior `constant`: mean and spread of first biases.
 

@@ -13,9 +13,9 @@ from navcore.odometry import Health
 
 Figure = dict[str, Any]
 
-ARM_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
-"""Okabe and Ito's, told apart by all kinds of colour vision; in the order in which arms come."""
-ARM_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "x", "cross")
+ARM_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#8A6FDF", "#8C6D31")
+"""Okabe and Ito's, told apart by all kinds of colour vision, and two more; in the order in which arms come."""
+ARM_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star", "triangle-down")
 TRUTH_COLOUR = "#808080"
 GROUND_TRUTH = "ground truth"
 HEALTH_COLOURS = {

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from eval.arms import BASE, Arm, write_device
+from eval.arms import BASE, Arm, told, write_device
 from eval.cells import Cell, Source, Study
 from eval.errors import StudyError
 from eval.regimes import OUTAGES_S, Condition, Regime, Setting, difficulties, graded, grades, outage, start_in_motion
@@ -12,8 +12,8 @@ from eval.sources import rendered
 from sim.degrade.schedule import GRADED
 from sim.platforms import PLATFORMS
 
-_FIRST_DEVICE_SEED = 1001
-_DEVICE_RECORDINGS = 40
+DEVICE_SEEDS = range(1001, 1041)
+"""Flights from which the arm `constant` knows the device; a study flies lower ones."""
 _OTHER_NOISE = 1
 
 
@@ -43,12 +43,14 @@ class Preset:
         blocks: what is asked of whom.
         seeds: flights of a condition in points mode, seeds 1 to this; six are the fewest that give an interval.
         rendered_seeds: the same for rendered ones; 0 renders none.
+        joined: the arms that join what others are told run too.
     """
 
     name: str
     blocks: tuple[Block, ...]
     seeds: int
     rendered_seeds: int
+    joined: bool = True
 
     def study(self, workspace: Path) -> Study:
         """The cells; the files of the arm `constant` are put in `workspace`.
@@ -56,12 +58,11 @@ class Preset:
         Raises:
             StudyError: no seeds, or more than are free of the device's own recordings.
         """
-        if not 1 <= self.seeds < _FIRST_DEVICE_SEED or not 0 <= self.rendered_seeds < _FIRST_DEVICE_SEED:
+        if not 1 <= self.seeds < DEVICE_SEEDS.start or not 0 <= self.rendered_seeds < DEVICE_SEEDS.start:
             wrong = f"seeds {self.seeds}, rendered seeds {self.rendered_seeds}"
-            raise StudyError(f"{wrong}; allowed is up to {_FIRST_DEVICE_SEED - 1}, and 0 rendered ones")
-        seeds = range(_FIRST_DEVICE_SEED, _FIRST_DEVICE_SEED + _DEVICE_RECORDINGS)
+            raise StudyError(f"{wrong}; allowed is up to {DEVICE_SEEDS.start - 1}, and 0 rendered ones")
         settings = [c.setting for block in self.blocks for c in block.regime.conditions]
-        devices = {imu: write_device(workspace, imu, seeds) for imu in dict.fromkeys(s.imu for s in settings)}
+        devices = {imu: write_device(workspace, imu, DEVICE_SEEDS) for imu in dict.fromkeys(s.imu for s in settings)}
         cells = [cell for block in self.blocks for cell in self._cells(block, devices)]
         return Study(self.name, tuple(cells), BASE)
 
@@ -69,8 +70,9 @@ class Preset:
         for platform in block.platforms:
             for seed in range(1, (self.rendered_seeds if block.images else self.seeds) + 1):
                 for condition in block.regime.conditions:
-                    arms = _arms(devices[condition.setting.imu], block.chance)
-                    yield from _run(block, platform, seed, condition, arms)
+                    arms = told(platform, devices[condition.setting.imu], self.joined)
+                    chance = (Arm(f"{BASE}, reseeded", "none", noise_seed=_OTHER_NOISE),) if block.chance else ()
+                    yield from _run(block, platform, seed, condition, (*arms, *chance))
 
 
 def _run(block: Block, platform: str, seed: int, condition: Condition, arms: tuple[Arm, ...]) -> Iterator[Cell]:
@@ -91,11 +93,6 @@ def _run(block: Block, platform: str, seed: int, condition: Condition, arms: tup
             level=condition.level,
             axis=regime.axis,
         )
-
-
-def _arms(device: str, chance: bool) -> tuple[Arm, ...]:
-    told = (Arm(BASE, "none"), Arm("constant", f"constant:{device}"), Arm("truth", "truth"))
-    return (*told, Arm("none, reseeded", "none", noise_seed=_OTHER_NOISE)) if chance else told
 
 
 _ALL = tuple(PLATFORMS)
@@ -127,6 +124,7 @@ QUICK = Preset(
     ),
     seeds=6,
     rendered_seeds=1,
+    joined=False,
 )
 """Minutes: statistics of one question for each regime, and a rendered flight to look at."""
 

@@ -1,4 +1,6 @@
 import json
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -6,26 +8,32 @@ import pytest
 from eval.arms import BASE, Arm, write_device
 from eval.errors import StudyError
 from eval.flights import Flight, PointsFlight
-from eval.preset import FULL, PRESETS, QUICK, STANDARD, Block, Preset
+from eval.preset import DEVICE_SEEDS, FULL, PRESETS, QUICK, STANDARD, Block, Preset
 from eval.progress import Ledger
 from eval.regimes import Setting, outage
 from eval.sources import degradations, to_render
 from navcore.prior import load_prior
+from sim.commands.fleet import Fleet
 from sim.degrade import Schedule
 from sim.degrade.schedule import KINDS, SCENE
 from sim.imu import GRADES
 from sim.platforms import DIFFICULTIES, PLATFORMS
 
-ARMS = {"none", "constant", "truth"}
+ARMS = {"none", "constant", "ipnet", "motion", "truth"}
+JOINED = {"ipnet+motion", "constant, ipnet+motion"}
 
 
 @pytest.fixture(scope="module", params=PRESETS)
 def planned(request, tmp_path_factory):
     """A preset, its folder and its study; two seeds each stand for all."""
     preset = PRESETS[request.param]
-    few = Preset(preset.name, preset.blocks, seeds=2, rendered_seeds=2)
+    few = replace(preset, seeds=2, rendered_seeds=2)
     folder = tmp_path_factory.mktemp(request.param)
     return few, folder, few.study(folder)
+
+
+def arms_of(preset):
+    return ARMS | JOINED if preset.joined else ARMS
 
 
 def regimes(preset):
@@ -35,24 +43,50 @@ def regimes(preset):
 def test_every_seed_condition_and_arm_is_there_once(planned):
     preset, _, study = planned
     names = [(c.platform, c.regime, c.condition, c.seed, c.arm) for c in study.cells]
-    expected = sum(2 * len(b.platforms) * len(b.regime.conditions) * (len(ARMS) + b.chance) for b in preset.blocks)
+    arms = len(arms_of(preset))
+    expected = sum(2 * len(b.platforms) * len(b.regime.conditions) * (arms + b.chance) for b in preset.blocks)
     assert len(set(names)) == len(names) == expected
     assert study.base == BASE
 
 
 def test_each_claim_stands_beside_none_constant_and_truth(planned):
-    _, _, study = planned
+    preset, _, study = planned
     arms = {}
     for c in study.cells:
         arms.setdefault((c.platform, c.regime, c.condition, c.seed), {})[c.arm] = c
     for found in arms.values():
-        assert set(found) - {"none, reseeded"} == ARMS
-        assert found["none"].source == found["truth"].source == found["constant"].source
+        assert set(found) - {"none, reseeded"} == arms_of(preset)
+        assert {cell.source for arm, cell in found.items() if arm in arms_of(preset)} == {found["none"].source}
         if "none, reseeded" in found:
             again = found["none, reseeded"].source
             assert again != found["none"].source and again.flight == found["none"].source.flight
     for platform in {c.platform for c in study.cells if "points" in c.platform and "quadrotor" in c.platform}:
         assert any("none, reseeded" in a for key, a in arms.items() if key[0] == platform)
+
+
+def test_arms_of_measurements_know_the_motion_of_their_platform_and_no_device(planned):
+    preset, _, study = planned
+    for c in study.cells:
+        body = c.platform.split(",")[0]
+        expected = {"ipnet": f"ipnet:sim-{body}", "motion": f"motion:sim-{body}", "none": "none", "truth": "truth"}
+        if c.arm in expected:
+            assert c.prior == expected[c.arm]
+        if c.arm in JOINED:
+            assert c.prior.endswith(f"ipnet+motion:sim-{body}")
+    devices = {c.prior.split(",")[0] for c in study.cells if "constant" in c.arm}
+    assert devices == {c.prior for c in study.cells if c.arm == "constant"}
+    assert preset.joined == (preset.name != QUICK.name)
+
+
+def test_no_study_flies_what_is_kept_for_learning(planned):
+    """Seeds of fleets are for training and tests of the sources of measurements; a study must not know them."""
+    _, _, study = planned
+    learned = Fleet(Path("x")).first_seed
+    assert learned == 100001
+    assert max(c.seed for c in study.cells) < learned
+    with pytest.raises(StudyError, match="allowed is up to 1000"):
+        replace(QUICK, seeds=learned).study(Path("x"))
+    assert max(DEVICE_SEEDS) == 1040 < learned
 
 
 def test_every_degradation_lies_in_its_flight_and_leaves_time_to_recover(planned):
