@@ -33,7 +33,7 @@ class Axes:
     @property
     def R6(self) -> Floats:
         """(6, 6) for both sensors."""
-        R6: Floats = np.kron(np.eye(2), self.R_FB)
+        R6: Floats = np.kron(np.eye(2), self.R_FB).astype(np.float64)
         return R6
 
     @property
