@@ -8,9 +8,12 @@ import tyro
 from rich.console import Console
 
 from ipnet.commands.device import Device
+from ipnet.commands.export import Export
 from ipnet.commands.label import Label
-from ipnet.commands.rivals import WindowMean
+from ipnet.commands.predict import Predict
+from ipnet.commands.rivals import Corrector, Recursive, WindowMean
 from ipnet.commands.score import Score
+from ipnet.commands.train import Train
 from ipnet.errors import IpnetError
 from navcore.errors import NavcoreError
 
@@ -26,8 +29,13 @@ class Command(Protocol):
 COMMANDS: dict[str, Callable[..., Command]] = {
     "label": Label,
     "device": Device,
+    "train": Train,
+    "export": Export,
+    "predict": Predict,
     "score": Score,
     "window-mean": WindowMean,
+    "recursive": Recursive,
+    "corrector": Corrector,
 }
 
 

@@ -1,0 +1,184 @@
+"""Training with Lightning: steps, validation, checkpoints, logs."""
+
+import logging
+import math
+from dataclasses import dataclass
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+import numpy as np
+import torch
+from lightning.pytorch.callbacks import Callback, EarlyStopping, ModelCheckpoint
+from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
+from torch import Tensor
+from torch.utils.data import DataLoader
+
+from ipnet.dataset import Track, Windows, random_windows, regular_windows
+from ipnet.model import BiasNetwork, IPNet, upright
+from ipnet.presets import NetworkConfig, TrainingConfig
+
+EARLIER = 0.25
+"""Weight in the loss of each estimate before the last."""
+LAST = "last.ckpt"
+
+Batch = tuple[Tensor, Tensor]
+
+
+@dataclass(frozen=True)
+class Devices:
+    """Lightning's own flags."""
+
+    accelerator: str = "cpu"  # cpu, gpu, auto
+    devices: int = 1  # how many
+    strategy: str = "auto"  # how they share the work
+
+
+class BiasModule(L.LightningModule):
+    """A network and how it learns; windows are drawn anew in each epoch, from the seed and the epoch's number."""
+
+    def __init__(
+        self, network: BiasNetwork, config: TrainingConfig, training: list[Track], validation: list[Track], seed: int
+    ) -> None:
+        super().__init__()
+        self.network = network
+        self.config = config
+        self._training = training
+        self._seed = seed
+        self._validation = regular_windows(validation, network.config, config.validation_every_s)
+        self._errors: list[Tensor] = []
+        self._losses: list[Tensor] = []
+
+    def train_dataloader(self) -> DataLoader[Batch]:
+        """This epoch's windows."""
+        rng = np.random.default_rng([self._seed, self.current_epoch])
+        drawn = random_windows(self._training, self.network.config, self.config.windows, self.config.mount_deg, rng)
+        order = rng.permutation(len(drawn))
+        shuffled = Windows(drawn.config, drawn.tracks, [drawn.places[k] for k in order])
+        return DataLoader(shuffled, batch_size=self.config.batch)
+
+    def val_dataloader(self) -> DataLoader[Batch]:
+        """The same windows in each epoch."""
+        return DataLoader(self._validation, batch_size=self.config.batch)
+
+    def training_step(self, batch: Batch, index: int) -> Tensor:
+        """Loss of all estimates, the last one's counting most."""
+        window, label = batch
+        losses = [loss(self.config.loss, *found, label).mean() for found in self.network.estimates(window)]
+        total = losses[-1] + EARLIER * sum(losses[:-1], torch.zeros(()))
+        self.log("loss", losses[-1], prog_bar=True)
+        return total
+
+    def validation_step(self, batch: Batch, index: int) -> None:
+        """Keep errors until the epoch is over."""
+        window, label = batch
+        bias, scale = self.network(window)
+        self._errors.append(bias - label)
+        self._losses.append(loss(self.config.loss, bias, scale, label))
+
+    def on_validation_epoch_end(self) -> None:
+        """Log the loss and the error of each axis."""
+        errors, losses = torch.cat(self._errors), torch.cat(self._losses)
+        self._errors, self._losses = [], []
+        self.log("val_loss", losses.mean(), prog_bar=True)
+        for name, value in zip(AXES, errors.square().mean(0).sqrt(), strict=True):
+            self.log(f"val_rmse_{name}", value)
+        for name, value in zip(AXES, errors.abs().median(0).values, strict=True):
+            self.log(f"val_median_{name}", value)
+
+    def configure_optimizers(self) -> Any:
+        """The config's optimizer and schedule."""
+        c = self.config
+        if c.optimizer == "rmsprop":
+            optimizer: torch.optim.Optimizer = torch.optim.RMSprop(self.parameters(), lr=c.learning_rate)
+        else:
+            motion = [p for n, p in self.named_parameters() if n.rsplit(".", 1)[-1] in ("A", "B", "C", "log_scale")]
+            known = {id(p) for p in motion}
+            others = [p for p in self.parameters() if id(p) not in known]
+            groups = [{"params": others}, {"params": motion, "weight_decay": 0.0, "lr": 10.0 * c.learning_rate}]
+            optimizer = torch.optim.AdamW(groups, lr=c.learning_rate, weight_decay=1e-3)
+        if c.schedule == "step":
+            schedule: Any = torch.optim.lr_scheduler.StepLR(optimizer, 10, 0.1)
+        else:
+            schedule = torch.optim.lr_scheduler.LambdaLR(optimizer, lambda epoch: _cosine(epoch, c.epochs))
+        return [optimizer], [schedule]
+
+
+AXES = ("gx", "gy", "gz", "ax", "ay", "az")
+
+
+def loss(kind: str, bias: Tensor, scale: Tensor, label: Tensor) -> Tensor:
+    """(B,): the paper's eq. 4, mean absolute errors of both biases; or minus the logarithm of Laplace's density."""
+    error = (bias - label).abs()
+    if kind == "l1":
+        return error[:, :3].mean(1) + error[:, 3:].mean(1)
+    return (torch.log(2.0 * scale) + error / scale).mean(1)
+
+
+def train(
+    network: BiasNetwork,
+    config: TrainingConfig,
+    training: list[Track],
+    validation: list[Track],
+    out: Path,
+    *,
+    seed: int = 1,
+    minutes: float | None = None,
+    devices: Devices | None = None,
+    progress: bool = True,
+    module: type[BiasModule] = BiasModule,
+) -> None:
+    """Train `network`; afterwards it has the weights with the best validation.
+
+    Killed and called again with the same `out`, it goes on after the last epoch that was complete.
+
+    Args:
+        out: folder for checkpoints and logs.
+        minutes: time after which training stops, or None.
+        module: how it learns.
+
+    Raises:
+        LabelError: no recording is long enough.
+    """
+    devices = devices or Devices()
+    torch.set_num_threads(1)
+    learner = module(network, config, training, validation, seed)
+    best = ModelCheckpoint(out, "best", monitor="val_loss", save_last=True, enable_version_counter=False)
+    callbacks: list[Callback] = [best, EarlyStopping("val_loss", patience=config.patience)]
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+    trainer = L.Trainer(
+        accelerator=devices.accelerator,
+        devices=devices.devices,
+        strategy=devices.strategy,
+        max_epochs=config.epochs,
+        max_time=None if minutes is None else timedelta(minutes=minutes),
+        callbacks=callbacks,
+        logger=[CSVLogger(out, name="", version=""), TensorBoardLogger(out, name="", version="")],
+        gradient_clip_val=None if config.loss == "l1" else 1.0,
+        reload_dataloaders_every_n_epochs=1,
+        log_every_n_steps=10,
+        num_sanity_val_steps=0,
+        enable_progress_bar=progress,
+        enable_model_summary=False,
+    )
+    last = out / LAST
+    trainer.fit(learner, ckpt_path=last if last.is_file() else None, weights_only=False)
+    chosen = Path(best.best_model_path)
+    if chosen.is_file():
+        learner.load_state_dict(torch.load(chosen, weights_only=False)["state_dict"])
+    network.eval()
+
+
+def new_network(config: NetworkConfig, training: list[Track], seed: int) -> IPNet:
+    """An untrained network whose frame has the mean specific force of the recordings along z."""
+    torch.manual_seed(seed)
+    network = IPNet(config)
+    if config.centred and config.mount == "fixed":
+        force = np.mean([t.imu.accel.mean(axis=0) - t.bias[:, 3:].mean(axis=0) for t in training], axis=0)
+        network.R_NB.copy_(upright(torch.from_numpy(force[None].astype(np.float32)))[0])
+    return network
+
+
+def _cosine(epoch: int, epochs: int) -> float:
+    return 0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * min(epoch / epochs, 1.0)))
