@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ipnet.calibration import WindowErrors
 from ipnet.errors import ConfigError
 from ipnet.fusion import Fusion
 from ipnet.recordings import Recording
 from navcore.arrays import Floats, Stamps
 from navcore.calibration import Calibration
 from navcore.imu import ImuNoise, ImuSamples
-from navcore.prior import BiasPrior, load_prior
+from navcore.prior import BiasPrior, BiasPriorSource, load_prior
 from navcore.sequence import Sequence
 from navcore.trajectory import Trajectory
 
@@ -82,6 +83,14 @@ class Run:
     window_s: float
     constant_covariance: Floats
 
+    @property
+    def errors(self) -> WindowErrors:
+        """Of the measurements, and the variances that they state."""
+        t_ns = np.array([z.t_ns for z in self.measurements], dtype=np.int64)
+        said = np.array([z.vector for z in self.measurements]).reshape(-1, 6)
+        variance = np.array([np.diagonal(z.covariance) for z in self.measurements]).reshape(-1, 6)
+        return WindowErrors(self.span.recording, t_ns, said - self.span.bias_at(t_ns), variance)
+
     def fused(self, start: BiasPrior) -> BiasPrior:
         """The estimate at the end of the span from a start and all measurements."""
         fusion = Fusion(
@@ -107,12 +116,16 @@ def cut(recordings: Iterable[Recording], seconds: float | None = None) -> list[S
 
 
 def run(spec: str, span: Span) -> Run:
-    """Run the source that `spec` names over a span, causally.
+    """Run the source that `spec` names over a span.
 
     Raises:
         ConfigError: the source is unknown, or cannot be had for this recording.
     """
-    source = load_prior(spec, span.sequence)
+    return listen(load_prior(spec, span.sequence), span)
+
+
+def listen(source: BiasPriorSource, span: Span) -> Run:
+    """Give a source, which is new, the samples of a span as they come, and keep what it says."""
     measurements = []
     for chunk in _chunks(span.sequence.imu):
         source.add_imu(chunk)

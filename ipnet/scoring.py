@@ -199,10 +199,9 @@ def _windows(answers: ListLike[_Answers], axes: Axes, config: ScoreConfig) -> Fi
     runs = [a.plain for a in answers]
     number = _numbers([r.span for r in runs])
     rows = [
-        (n, z.vector - truth, z.covariance + r.constant_covariance)
+        (n, error, z.covariance + r.constant_covariance)
         for n, r in zip(number, runs, strict=True)
-        if r.measurements
-        for z, truth in zip(r.measurements, r.span.bias_at(np.array([z.t_ns for z in r.measurements])), strict=True)
+        for error, z in zip(r.errors.error, r.measurements, strict=True)
     ]
     return figures(Statements.of(rows), axes, np.random.default_rng(config.seed)) if rows else None
 

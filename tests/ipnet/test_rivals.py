@@ -1,0 +1,114 @@
+"""Rivals that learn: what their networks compute, and that what runs is what was trained."""
+
+import numpy as np
+import pytest
+import torch
+
+from ipnet.errors import ConfigError
+from ipnet.preintegration import preintegrate
+from ipnet.recordings import Label, Recording
+from ipnet.rivals.learning import Lessons, learn_corrector, learn_recursive
+from ipnet.rivals.networks import CONFIG, STEP, Corrector, Recursive, increment_loss, integrate
+from navcore.imu import GRAVITY, ImuNoise, ImuSamples
+from navcore.prior import load_prior
+
+NOISE = ImuNoise(1e-4, 0.0, 1e-3, 0.0)
+
+
+def recording(name, seed, seconds=40.0):
+    rng = np.random.default_rng(seed)
+    b = rng.normal(size=6) * np.repeat([0.01, 0.1], 3)
+    t_ns = np.arange(round(seconds * 50)) * 20_000_000
+    values = b + rng.normal(size=(len(t_ns), 6)) + [0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY]
+    imu = ImuSamples(t_ns, values[:, :3], values[:, 3:])
+    return Recording(name, imu, NOISE, None, Label(name, b, 1e-12 * np.eye(6)))
+
+
+@pytest.fixture
+def lessons(monkeypatch):
+    kept = {name: recording(name, k) for k, name in enumerate(("a", "b", "c", "d"))}
+    monkeypatch.setattr("ipnet.rivals.learning.open_recordings", lambda paths, labels: [kept[p] for p in paths])
+    return Lessons.read(["a", "b"], ["c", "d"], None, epochs=1, seed=1)
+
+
+def test_increments_are_those_of_preintegration():
+    samples = recording("r", 3, seconds=3.0).imu
+    edges = np.array([-10_000_000, 990_000_000])
+    found = preintegrate(samples, edges, np.zeros(3), np.zeros(3))
+    values = torch.from_numpy(np.hstack([samples.gyro, samples.accel])[None, :STEP].astype(np.float32))
+    R, v, p = integrate(values, 0.02)
+    np.testing.assert_allclose(R[0], found.delta_R[0], atol=1e-4)
+    np.testing.assert_allclose(v[0], found.delta_v[0], atol=1e-3)
+    np.testing.assert_allclose(p[0], found.delta_p[0], atol=1e-3)
+
+
+def test_the_true_correction_has_no_loss_and_any_axis_can_be_wrong():
+    window = torch.randn(2, 2 * STEP, 6, generator=torch.Generator().manual_seed(1))
+    assert increment_loss(window, window, 0.02).max() == 0.0
+    for k in range(6):
+        wrong = window.clone()
+        wrong[..., k] += (0.05, 0.3)[k // 3]
+        loss = increment_loss(wrong, window, 0.02)
+        assert loss.min() > 0.1
+
+
+def test_the_recursion_lives_on_what_it_said():
+    torch.manual_seed(1)
+    network = Recursive(torch.full((6,), 0.1), torch.full((6,), 0.5)).eval()
+    torch.nn.init.normal_(network.step.out.weight, std=0.1)
+    window = torch.randn(1, CONFIG.samples, 6)
+    found = network.estimates(window)
+    assert len(found) == CONFIG.samples // STEP
+    bias, _ = network.step(window[:, STEP : 2 * STEP], found[0][0])
+    torch.testing.assert_close(bias, found[1][0])
+    network.train()
+    assert not torch.equal(network.estimates(window)[0][0], found[0][0])  # starts are wrong on purpose
+
+
+def test_what_runs_is_what_was_trained(lessons, tmp_path, monkeypatch):
+    kept = []
+    monkeypatch.setattr("ipnet.rivals.learning.train", lambda network, *_, **__: kept.append(shaken(network)))
+    learn_recursive(lessons, tmp_path / "r")
+    learn_corrector(lessons, tmp_path / "c")
+    recursive, corrector = kept
+    samples = recording("e", 9).imu
+    values = torch.from_numpy(np.hstack([samples.gyro, samples.accel])[None].astype(np.float32))
+    window = values[:, : CONFIG.samples]
+    with torch.no_grad():
+        expected = {"recursive": recursive(window)[0], "corrector": corrector(window)[0]}
+    for name, folder, index in (("recursive", "r", 9), ("corrector", "c", 0)):
+        source = load_prior(f"{name}:{tmp_path / folder}")
+        assert source.device() is None
+        source.add_imu(samples)
+        z = source.poll(int(samples.t_ns[-1]))[index]
+        np.testing.assert_allclose(z.vector, expected[name][0], atol=1e-5)
+        assert np.linalg.eigvalsh(source.constant_covariance).min() > 0.0
+
+
+def test_both_train(lessons, tmp_path):
+    for learn in (learn_recursive, learn_corrector):
+        out = tmp_path / learn.__name__
+        learn(lessons, out)
+        assert (out / "card.json").is_file()
+        assert (out / "log" / "metrics.csv").read_text().count("\n") >= 2
+
+
+def test_an_unknown_name_is_answered_with_the_list():
+    for name in ("recursive", "corrector"):
+        with pytest.raises(ConfigError, match=f"{name} 'balloon' is unknown; known are"):
+            load_prior(f"{name}:balloon")
+
+
+def shaken(network):
+    """A network whose outputs depend on its inputs."""
+    for parameter in network.parameters():
+        torch.nn.init.normal_(parameter, std=0.1)
+    return network.eval()
+
+
+def test_the_corrector_corrects_every_sample():
+    network = shaken(Corrector(torch.zeros(6)))
+    window = torch.randn(2, CONFIG.samples, 6)
+    correction = network.correction(window)
+    assert correction.shape == window.shape
+    torch.testing.assert_close(network(window)[0], correction.mean(1))
