@@ -109,6 +109,14 @@ def labelled(sequence: Sequence, label: Label | None = None) -> Recording:
     return Recording(sequence.name, sequence.imu, sequence.calibration.imu, sequence.truth, label)
 
 
+def true_bias(truth: Trajectory | None) -> Floats | None:
+    """(6,) mean of b_g, b_a over a truth, where it has any."""
+    known = _with_biases(truth)
+    if known is None or known.b_g is None or known.b_a is None:
+        return None
+    return np.concatenate([known.b_g.mean(axis=0), known.b_a.mean(axis=0)])
+
+
 def find(path: Path) -> list[Path]:
     """Folders of recordings at or below a path, by name; `mav0` is left out of a folder's path.
 

@@ -1,0 +1,59 @@
+"""A filter's own path in place of the truth, where the filter rates it good: labels without motion capture."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from ipnet.errors import LabelError
+from navcore.arrays import Mask, Stamps
+from navcore.odometry import Health
+from navcore.results import read_run
+from navcore.results.folder import FRAMES
+from navcore.trajectory import Trajectory
+
+START_UP_S = 10.0
+"""Poses this soon after the first are left out: scale and biases are still being found."""
+AFTER_LOSS_S = 5.0
+"""So are those this soon after a frame in which the filter did not track."""
+FEWEST_FEATURES = 20
+"""And those of frames in which fewer features were followed."""
+
+
+def good_path(folder: Path) -> Trajectory:
+    """The causal poses of a run, less those that its filter rates poor.
+
+    Args:
+        folder: as `python -m msckf run` writes it.
+
+    Raises:
+        DataError: it holds no run.
+        LabelError: its frames cannot be read, or none is good.
+    """
+    path = read_run(folder).trajectory
+    t_ns, tracking, tracked = _frames(folder / FRAMES)
+    begun = t_ns[tracking][:1] + round(START_UP_S * 1e9)
+    poor = t_ns[~tracking & (t_ns > t_ns[tracking][:1].sum())] if tracking.any() else t_ns
+    since = np.concatenate([[-(2**62)], poor])[np.searchsorted(poor, t_ns, side="right")]
+    good = tracking & (tracked >= FEWEST_FEATURES) & (t_ns >= begun.sum()) & (t_ns - since >= AFTER_LOSS_S * 1e9)
+    kept = path[np.isin(path.t_ns, t_ns[good])]
+    if len(kept) == 0:
+        raise LabelError(
+            f"{folder}: none of {len(path)} poses is good: {START_UP_S:g} s after the start, {AFTER_LOSS_S:g} s "
+            f"after a loss, with {FEWEST_FEATURES} features or more"
+        )
+    return kept
+
+
+def _frames(path: Path) -> tuple[Stamps, Mask, Stamps]:
+    """Stamps, whether the filter tracked, and how many features."""
+    if not path.is_file():
+        raise LabelError(f"{path}: no such file; expected the folder of a run")
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    try:
+        t_ns = np.array([int(r["t_ns"]) for r in rows], dtype=np.int64)
+        tracking = np.array([r["health"] == Health.TRACKING.value for r in rows], dtype=bool)
+        return t_ns, tracking, np.array([int(r["tracked"]) for r in rows], dtype=np.int64)
+    except (KeyError, ValueError) as error:
+        raise LabelError(f"{path}: {error!r}; expected columns t_ns, health and tracked") from error
