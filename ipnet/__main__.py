@@ -9,6 +9,7 @@ from rich.console import Console
 
 from ipnet.commands.device import Device
 from ipnet.commands.export import Export
+from ipnet.commands.join import Join
 from ipnet.commands.label import Label
 from ipnet.commands.predict import Predict
 from ipnet.commands.rivals import Corrector, Recursive, WindowMean
@@ -33,6 +34,7 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "export": Export,
     "predict": Predict,
     "score": Score,
+    "join": Join,
     "window-mean": WindowMean,
     "recursive": Recursive,
     "corrector": Corrector,

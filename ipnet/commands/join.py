@@ -1,0 +1,32 @@
+"""`python -m ipnet join`: find how two sources are joined."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+
+from ipnet.files import write_text
+from ipnet.joined import find_join
+from ipnet.recordings import open_recordings
+from ipnet.runs import cut
+
+
+@dataclass(frozen=True)
+class Join:
+    """Find how two sources are joined, on recordings that neither was made from; the file is for ipnet+motion:FILE."""
+
+    paths: Annotated[tuple[Path, ...], tyro.conf.Positional]  # recordings, or folders that hold some at any depth
+    prior: tuple[str, str]  # the two, as ipnet:sim-rover motion:rover
+    out: Path  # file to write
+    labels: Path | None = None  # for recordings whose truth has no biases
+    seconds: float | None = None  # cut recordings into runs of this length
+
+    def run(self, console: Console) -> None:
+        """Find it and write it."""
+        spans = cut(open_recordings(self.paths, self.labels), self.seconds)
+        found = find_join(self.prior, spans)
+        write_text(self.out, json.dumps(found.as_dict(), indent=1) + "\n")
+        console.print(f"wrote {self.out}; correlation {found.correlation.round(2).tolist()}", highlight=False)
