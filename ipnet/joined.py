@@ -86,11 +86,12 @@ class JoinedPrior:
         return [self._joined()] if spoken else []
 
     def _joined(self) -> BiasPrior:
-        said = [z for z in self._said if z is not None]
-        if len(said) == 1:
-            mean, variance = said[0].vector, np.diagonal(said[0].covariance)
+        first, second = self._said
+        said = [z for z in (first, second) if z is not None]
+        if first is not None and second is not None:
+            mean, variance = least_variance(first, second, self._join.correlation)
         else:
-            mean, variance = least_variance(*said, self._join.correlation)
+            mean, variance = said[0].vector, np.diagonal(said[0].covariance)
         covariance = np.diag(self._join.errors.variance(variance))
         return BiasPrior(max(z.t_ns for z in said), mean[:3], mean[3:], covariance)
 

@@ -49,12 +49,9 @@ class Lessons:
         training: Iterable[Path], validation: Iterable[Path], labels: Path | None, epochs: int, seed: int
     ) -> "Lessons":
         """From folders of recordings."""
-        tracks = [
-            [Track(r.name, r.imu, r.bias_at(r.imu.t_ns)) for r in open_recordings(part, labels)]
-            for part in (training, validation)
-        ]
         config = TrainingConfig(windows=16, epochs=epochs, patience=30, mount_deg=0.0)
-        return Lessons(*tracks, cut(open_recordings(validation, labels), RUN_S), config, seed)
+        spans = cut(open_recordings(validation, labels), RUN_S)
+        return Lessons(_tracks(training, labels), _tracks(validation, labels), spans, config, seed)
 
     @property
     def mean(self) -> Floats:
@@ -75,11 +72,13 @@ class IncrementModule(BiasModule):
     def training_step(self, batch: tuple[Tensor, Tensor], index: int) -> Tensor:
         """Distance of increments, and the likelihood of the mean for the scale alone."""
         window, label = batch
+        assert isinstance(self.network, Corrector)
         correction = self.network.correction(window)
         own = increment_loss(window - correction, window - label[:, None], 1.0 / RATE_HZ).mean()
         _, scale = self.network(window)
         off = (correction.mean(1).detach() - label).abs()
-        return own + (torch.log(2.0 * scale) + off / scale).mean()
+        total: Tensor = own + (torch.log(2.0 * scale) + off / scale).mean()
+        return total
 
 
 def learn_recursive(lessons: Lessons, out: Path) -> None:
@@ -106,14 +105,18 @@ def learn_corrector(lessons: Lessons, out: Path) -> None:
 def _ship(lessons: Lessons, out: Path, every_s: float, source: Callable[[Path, Card], BiasPriorSource]) -> None:
     """Hear what it says on runs of the validation recordings, and write the card."""
     made = {"start": lessons.mean.tolist(), "seed": lessons.seed, "config": vars(lessons.config)}
-    names = [tuple(track.name for track in part) for part in (lessons.training, lessons.validation)]
+    training, validation = (tuple(t.name for t in part) for part in (lessons.training, lessons.validation))
 
     def card(errors: ErrorModel) -> Card:
-        return Card({"long": NetworkCard(CONFIG, every_s, errors)}, *names, made)
+        return Card({"long": NetworkCard(CONFIG, every_s, errors)}, training, validation, made)
 
     runs = [listen(source(out, card(uncalibrated())), span) for span in lessons.spans]
     errors = [replace(run.errors, recording=f"{run.span.recording} {k}") for k, run in enumerate(runs)]
     card(fit(errors, runs[0].window_s)).write(out)
+
+
+def _tracks(paths: Iterable[Path], labels: Path | None) -> list[Track]:
+    return [Track(r.name, r.imu, r.bias_at(r.imu.t_ns)) for r in open_recordings(paths, labels)]
 
 
 def _tensor(values: Floats) -> Tensor:

@@ -9,12 +9,15 @@ from ipnet.presets import NetworkConfig
 STEP = 50
 """Samples between two estimates of the recursive network."""
 RATE_HZ = 50.0
-CONFIG = NetworkConfig(10 * STEP, RATE_HZ, hidden=48, centred=False, refinements=0, residuals=0)
+CONFIG = NetworkConfig(10 * STEP, RATE_HZ, hidden=48, centred=False, refinements=0)
 """Windows of 10 s, as both networks see them in training."""
 
 
 class Recursion(nn.Module):
     """One step: samples (B, 50, 6) and the past bias (B, 6) to the bias now (B, 6) and its scale (B, 6)."""
+
+    output_scale: Tensor
+    input_scale: Tensor
 
     def __init__(self, hidden: int) -> None:
         super().__init__()
@@ -42,6 +45,9 @@ class Recursive(BiasNetwork):
     lives on what it has said itself, as it will later.
     """
 
+    start: Tensor
+    spread: Tensor
+
     def __init__(self, start: Tensor, spread: Tensor) -> None:
         super().__init__()
         self.config = CONFIG
@@ -59,8 +65,8 @@ class Recursive(BiasNetwork):
         if self.training:
             past = past + self.spread * torch.randn_like(past)
         found = []
-        for samples in window.split(STEP, dim=1):
-            bias, scale = self.step(samples, past)
+        for k in range(0, window.shape[1], STEP):
+            bias, scale = self.step(window[:, k : k + STEP], past)
             found.append((bias, scale))
             past = bias.detach()
         return found
@@ -73,6 +79,10 @@ class Corrector(BiasNetwork):
     The mean correction of a window is its statement of the bias; that network knows no uncertainty, so all windows have
     one scale.
     """
+
+    start: Tensor
+    output_scale: Tensor
+    input_scale: Tensor
 
     def __init__(self, start: Tensor) -> None:
         super().__init__()
@@ -102,7 +112,8 @@ class Corrector(BiasNetwork):
         """(B, n, 6) what is to be subtracted from the samples."""
         x = self.encoder((window / self.input_scale).transpose(1, 2)).transpose(1, 2)
         x, _ = self.memory(x)
-        return self.start + self.output_scale * self.out(x)
+        correction: Tensor = self.start + self.output_scale * self.out(x)
+        return correction
 
 
 def integrate(samples: Tensor, dt: float) -> tuple[Tensor, Tensor, Tensor]:
@@ -136,6 +147,7 @@ def _exp(phi: Tensor) -> Tensor:
     """(..., 3) to (..., 3, 3), to third order: half a sample's turn is small."""
     zero = torch.zeros_like(phi[..., 0])
     x, y, z = phi.unbind(-1)
-    K = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=-1).unflatten(-1, (3, 3))
+    K = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=-1).view(*phi.shape, 3)
     KK = K @ K
-    return torch.eye(3) + K + 0.5 * KK + K @ KK / 6.0
+    R: Tensor = torch.eye(3) + K + 0.5 * KK + K @ KK / 6.0
+    return R
