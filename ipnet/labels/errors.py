@@ -16,6 +16,8 @@ from navcore.arrays import Floats, Vectors
 
 HUBER = 2.0
 """Errors beyond so many standard deviations count less."""
+_SHARES = (0.02, 0.2, 0.5, 0.8, 0.98)  # of the variance that may be the IMU's: where the search may begin
+_LIMITS = ((0.0, 12.0), (-4.0, 12.0))  # logarithms of sizes over the floor
 WALK_S = 5.0
 """The walk of a bias is followed down to half periods of this length."""
 
@@ -52,9 +54,8 @@ class Normal:
 
 def fresh(equations: Equations, x: Floats) -> Errors:
     """A first guess: half of what is left is the IMU's, half the truth's."""
-    size = float(np.median(np.linalg.norm(residual(equations, x), axis=1))) / 1.538  # median of chi, 3 degrees
+    size = _size(residual(equations, x))
     rows, nodes = equations.by_node.shape
-    size = max(size, 1e-9)
     return Errors(size, size * float(np.sqrt(rows / equations.bands[0].sum())), np.ones(rows), np.ones(nodes))
 
 
@@ -86,7 +87,7 @@ def reweighted(equations: Equations, x: Floats, errors: Errors, walk: float, flo
 
     Args:
         equations, x: what is left is `residual`.
-        errors: weights, and a first guess of the sizes.
+        errors: weights, and the sizes under which the bias's walk is taken out.
         walk: density of the bias's random walk.
         floor: the IMU's errors are at least this large.
     """
@@ -101,14 +102,20 @@ def reweighted(equations: Equations, x: Floats, errors: Errors, walk: float, flo
         square = float(np.sum(left * cho_solve_banded((factor, True), left))) / (3.0 * len(left))
         return 2.0 * float(np.log(factor[0]).mean()) + square
 
-    guess = np.log(np.array([errors.sigma, errors.node_sigma / per_node]) / floor)
-    limits = [(0.0, 12.0), (-4.0, 12.0)]
-    found = minimize(surprise, np.clip(guess, *np.transpose(limits)), bounds=limits, method="L-BFGS-B", tol=1e-4)
+    size, shares = _size(left), np.array(_SHARES)
+    guesses = np.log(np.stack([np.sqrt(shares), np.sqrt(1.0 - shares)], axis=1) * size / floor)
+    begin = min(np.clip(guesses, *np.transpose(_LIMITS)), key=surprise)
+    found = minimize(surprise, begin, bounds=_LIMITS, method="L-BFGS-B", tol=1e-4)
     sigma, node_sigma = floor * np.exp(found.x) * [1.0, per_node]
     solved = cho_solve_banded((_factor(equations, sigma**2, node_sigma**2, errors), True), left)
     of_rows = sigma**2 / errors.weights[:, None] * solved
     of_nodes = node_sigma**2 / errors.node_weights[:, None] * (equations.by_node.T @ solved)
     return Errors(float(sigma), float(node_sigma), _huber(of_rows, sigma), _huber(of_nodes, node_sigma))
+
+
+def _size(left: Vectors) -> float:
+    """Standard deviation per axis, from the median length."""
+    return max(float(np.median(np.linalg.norm(left, axis=1))) / 1.538, 1e-9)  # median of chi, 3 degrees of freedom
 
 
 def _huber(error: Vectors, sigma: float) -> Floats:

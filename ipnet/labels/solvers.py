@@ -18,8 +18,9 @@ from navcore.arrays import Floats, Vectors
 from navcore.imu import ImuNoise, ImuSamples
 
 _RELINEARISED = 4  # at most; a gyro bias of .1 rad/s needs three
-_REWEIGHTED = 8
-_SETTLED = 1e-7  # rad/s, m/s^2
+_REWEIGHTED = 30
+_SETTLED = 2e-6  # rad/s, m/s^2
+_LINEAR = 1e-4  # rad/s: steps below are linear to 1e-8
 _LEAST = 1e-6  # rad/s, m/s^2: what an error is at least, so that a perfect IMU can be labelled
 ADAM_STEPS = 15_000
 ADAM_EVERY = 5_000
@@ -104,7 +105,7 @@ def gauss_newton(problem: Problem) -> tuple[Block, Block]:
         equations, increments = _gyro(problem, b_g)
         step, errors = _settled(equations, errors, walk, floor)
         b_g = b_g + step
-        if np.abs(step).max() < _SETTLED:
+        if np.abs(step).max() < _LINEAR:
             break
     gyro = _block(b_g, equations, errors, walk, increments, step)
     increments = problem.increments(b_g)
