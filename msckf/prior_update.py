@@ -63,12 +63,15 @@ class PriorUpdate:
         P = np.zeros((12, 12))
         P[:6, :6], P[6:, 6:] = device.covariance, constant
         H = np.hstack([np.eye(6), np.eye(6) if self.models_error else np.zeros((6, 6))])
+        at_ns = self._before_start[0].t_ns if self._before_start else t_ns
         for z in self._before_start:
-            R = self._noise_of(z, t_ns)
-            K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+            P[:6, :6] += self._walked(z.t_ns - at_ns)
+            at_ns = z.t_ns
+            K = P @ H.T @ np.linalg.inv(H @ P @ H.T + self._noise_of(z))
             mean = mean + K @ (z.vector - H @ mean)
             P = P - K @ H @ P
             P = 0.5 * (P + P.T)
+        P[:6, :6] += self._walked(t_ns - at_ns)
         fused = BiasPrior(t_ns, mean[:3], mean[3:6], P[:6, :6])
         if not self.models_error:
             return StartingBias(fused)
@@ -114,16 +117,19 @@ class PriorUpdate:
                 kept.append(z)
         return kept
 
-    def _noise_of(self, z: BiasPrior, t_ns: int) -> Floats:
-        """(6, 6): the measurement's own, and the random walk of the biases since it was true."""
+    def _noise_of(self, z: BiasPrior) -> Floats:
+        """(6, 6): the measurement's own; a fixed one in the plain mode."""
+        return np.eye(6) / self.config.weight**2 if self.config.mode == "plain" else z.covariance
+
+    def _walked(self, age_ns: int) -> Floats:
+        """(6, 6) covariance of what the biases walk in a time; the plain mode knows of no walk."""
         if self.config.mode == "plain":
-            return np.eye(6) / self.config.weight**2
-        age = max(t_ns - z.t_ns, 0) * 1e-9
+            return np.zeros((6, 6))
         walk = np.repeat([self._noise.gyroscope_random_walk, self._noise.accelerometer_random_walk], 3)
-        return z.covariance + np.diag(walk**2 * age)
+        return np.diag(walk**2 * max(age_ns, 0) * 1e-9)
 
     def _plain(self, state: FilterState, z: BiasPrior) -> None:
-        R = self._noise_of(z, z.t_ns)
+        R = self._noise_of(z)
         r = z.vector - state.biases
         S = state.covariance[BIASES, BIASES] + R
         self.nis = float(r @ np.linalg.solve(S, r))
@@ -131,10 +137,10 @@ class PriorUpdate:
 
     def _modelled(self, state: FilterState, z: BiasPrior, t_ns: int) -> bool:
         """Update with a Student-t weight; False if the innovation is a surprise."""
-        columns, H, r = np.r_[BIASES], np.eye(6), z.vector - state.biases
+        H, R_walk = retrodiction(state.covariance[BIASES, BIASES], self._walked(t_ns - z.t_ns))
+        columns, r, R = np.r_[BIASES], z.vector - state.biases, self._noise_of(z) + R_walk
         if state.c is not None:
-            columns, H, r = np.r_[BIASES, state.prior_error], np.hstack([np.eye(6), np.eye(6)]), r - state.c
-        R = self._noise_of(z, t_ns)
+            columns, H, r = np.r_[BIASES, state.prior_error], np.hstack([H, np.eye(6)]), r - state.c
         S = H @ state.covariance[np.ix_(columns, columns)] @ H.T + R
         self.nis = float(r @ np.linalg.solve(S, r))
         surprise = self.nis > chi_square_quantile(self.config.surprise_probability, 6)
@@ -142,3 +148,25 @@ class PriorUpdate:
         weight = min((self.config.student_dof + 6.0) / (self.config.student_dof + self.nis), 1.0)
         state.update(H, columns, r, R + (1.0 / weight - 1.0) * S)
         return not surprise
+
+
+def retrodiction(P: Floats, W: Floats) -> tuple[Floats, Floats]:
+    """How the biases of a while ago depend on those of now, whose error has the walk since then in it.
+
+    For a measurement out of sequence (docs/filter.md, equation 53). Of error and walk along a direction, the smaller
+    one is taken to be a part of the other.
+
+    Args:
+        P: (6, 6) covariance of the biases now.
+        W: (6, 6) of their walk since then, diagonal.
+
+    Returns:
+        (6, 6) derivative of the biases then by those now, and (6, 6) covariance of the rest.
+    """
+    scale = np.sqrt(np.maximum(np.diagonal(W), 1e-24))
+    ratio, U = np.linalg.eigh(P / np.outer(scale, scale))
+    ratio = np.maximum(ratio, 1e-12)
+    shared = np.minimum(ratio, 1.0)  # covariance of error and walk, in units of W
+    H = np.eye(6) - scale[:, None] * (U * (shared / ratio)) @ U.T / scale
+    rest = scale[:, None] * (U * (1.0 - shared**2 / ratio)) @ U.T * scale
+    return H, 0.5 * (rest + rest.T)

@@ -5,7 +5,7 @@ import pytest
 
 from msckf.blocks import BIASES
 from msckf.config import PriorConfig, StartConfig
-from msckf.prior_update import PriorUpdate
+from msckf.prior_update import PriorUpdate, retrodiction
 from msckf.state import FilterState
 from navcore.imu import ImuNoise
 from navcore.prior import BiasPrior
@@ -185,17 +185,102 @@ def test_modelled_takes_one_measurement_per_window():
     assert thick.applied == 12
 
 
-def test_a_late_measurement_is_weaker_by_what_the_bias_may_have_walked():
+def walk_of(noise, age_s):
+    return age_s * np.diag(np.repeat([noise.gyroscope_random_walk, noise.accelerometer_random_walk], 3) ** 2)
+
+
+def test_a_late_measurement_speaks_of_the_bias_before_its_walk():
+    """Nothing was seen since: b, what it has walked in 4 s, and c are one Gaussian, conditioned in one step."""
     z = measurement(10.0, 1)
-    walking = told([z], constant=np.zeros((6, 6)), window_s=8.0, noise=NOISE)
-    state, P, b = plain_state()
-    object.__setattr__(z, "b_g", b[:3])
-    object.__setattr__(z, "b_a", b[3:])
-    walking.update(state, 14 * S)
-    R = E + 4.0 * np.diag(np.repeat([NOISE.gyroscope_random_walk, NOISE.accelerometer_random_walk], 3) ** 2)
-    expected = np.linalg.inv(P[BIASES, BIASES]) + np.linalg.inv(R)
-    np.testing.assert_allclose(np.linalg.inv(state.covariance[BIASES, BIASES]), expected, rtol=1e-6)
-    assert walking.nis == pytest.approx(0.0, abs=1e-12)
+    late = told([z], window_s=8.0, noise=NOISE)
+    state, _ = started(late, 10.0)
+    before, b = joint(state), state.biases
+    W = walk_of(NOISE, 4.0)
+    P = np.zeros((18, 18))  # b now, c, walk
+    P[:12, :12] = before
+    P[12:, 12:] = P[:6, 12:] = P[12:, :6] = W
+    H = np.hstack([np.eye(6), np.eye(6), -np.eye(6)])
+    S_z = H @ P @ H.T + E
+    K = P @ H.T @ np.linalg.inv(S_z)
+    r = z.vector - b - state.c
+    late.update(state, 14 * S)
+    assert late.applied == 1
+    np.testing.assert_allclose(late.nis, r @ np.linalg.solve(S_z, r), rtol=1e-9)
+    np.testing.assert_allclose(joint(state), (P - K @ S_z @ K.T)[:12, :12], rtol=1e-6, atol=1e-13)
+    np.testing.assert_allclose(state.biases, b + K[:6] @ r, rtol=1e-9)
+
+
+def test_measurements_before_the_start_are_as_old_as_they_are():
+    """b at their times and at the start differ by its walk."""
+    times, at_s = (2.5, 7.5, 12.5), 20.0
+    zs = [measurement(t, k) for k, t in enumerate(times)]
+    _, bias = started(told(zs, device(), noise=NOISE), at_s)
+    unit = walk_of(NOISE, 1.0)
+    ages = at_s - np.array(times)
+    P_b = device().covariance + unit * ages[0]  # at the start; known when the first was true
+    cross = np.hstack([device().covariance + unit * (ages[0] - age) for age in ages])
+    then = np.minimum.outer(ages[0] - ages, ages[0] - ages)
+    S_z = np.kron(then, unit) + np.kron(np.ones((3, 3)), device().covariance + C) + np.kron(np.eye(3), E)
+    r = np.concatenate([z.vector - device().vector for z in zs])
+    K = cross @ np.linalg.inv(S_z)
+    np.testing.assert_allclose(bias.device.vector, device().vector + K @ r, rtol=1e-9)
+    np.testing.assert_allclose(bias.device.covariance, P_b - K @ cross.T, rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+def test_error_and_walk_share_no_more_than_either_has(size):
+    """Seen well since, the biases' error is all walk; seen badly, the walk is all in their error."""
+    rng = np.random.default_rng(1)
+    A = rng.standard_normal((6, 6))
+    W = np.diag(rng.uniform(0.5, 2.0, 6))
+    P = size * (A @ A.T + np.eye(6))
+    H, rest = retrodiction(P, W)
+    shared = (np.eye(6) - H) @ P
+    np.testing.assert_allclose(shared, shared.T, rtol=1e-7, atol=1e-12)
+    whole = np.block([[P, shared], [shared.T, W]])
+    assert np.linalg.eigvalsh(whole).min() > -1e-9 * max(size, 1.0)
+    np.testing.assert_allclose(rest, W - shared @ np.linalg.solve(P, shared), rtol=1e-6, atol=1e-9)
+    if size != 1.0:
+        np.testing.assert_allclose(shared, P if size < 1.0 else W, rtol=1e-6, atol=1e-9)
+    H, rest = retrodiction(P, np.zeros((6, 6)))
+    np.testing.assert_allclose(H, np.eye(6), atol=1e-12)
+    np.testing.assert_allclose(rest, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("window_s", [20, 40])
+def test_long_windows_over_biases_that_walk_leave_the_filter_honest(window_s):
+    """Windows every 5 s whose noise is that of their samples, biases that walk by 3 sigma in one, and for a minute
+    something that sees them: NEES of biases and NIS stay near 1, and one statement a window is taken."""
+    seconds, runs, scale = 160, 24, np.repeat([0.002, 0.02], 3)
+    walk = 3.0 * scale / np.sqrt(window_s)
+    noise = ImuNoise(1e-4, walk[0], 1e-3, walk[3], 200.0)
+    known = BiasPrior(0, np.zeros(3), np.zeros(3), np.diag((5.0 * scale) ** 2))
+    nees, nis = [], []
+    for seed in range(runs):
+        rng = np.random.default_rng(seed)
+        b = 5.0 * scale * rng.standard_normal(6) + np.cumsum(walk * rng.standard_normal((seconds + 1, 6)), axis=0)
+        white = scale * np.sqrt(window_s) * rng.standard_normal((seconds, 6))
+        c = np.sqrt(np.diagonal(C)) * rng.standard_normal(6)
+        zs = []
+        for end in range(window_s, seconds + 1, 5):
+            middle = end - window_s // 2
+            z = b[middle] + c + white[end - window_s : end].mean(axis=0)
+            zs.append(BiasPrior(middle * S, z[:3], z[3:], np.diag(scale**2)))
+        prior = told(zs, known, float(window_s), noise=noise, student_dof=1e9)
+        state, _ = started(prior, 0.0)
+        for t in range(1, seconds + 1):
+            state.widen_biases(np.diag(walk**2))
+            if t < 60:
+                seen = b[t] + scale * rng.standard_normal(6)
+                state.update(np.eye(6), np.r_[BIASES], seen - state.biases, np.diag(scale**2))
+            prior.update(state, t * S)
+            if prior.nis is not None:
+                nis.append(prior.nis / 6.0)
+            error = b[t] - state.biases
+            nees.append(error @ np.linalg.solve(state.covariance[BIASES, BIASES], error) / 6.0)
+        assert prior.applied == seconds // window_s
+    assert 0.85 < np.mean(nees) < 1.15
+    assert 0.8 < np.mean(nis) < 1.2
 
 
 def off_by(state, sigmas, R=E):
