@@ -45,7 +45,8 @@ class Recursive:
         """Train, calibrate, write."""
         from ipnet.rivals.learning import Lessons, learn_recursive
 
-        learn_recursive(Lessons.read(self.paths, self.validate, self.labels, self.epochs, self.seed), self.out)
+        kept = self.out / "recordings"
+        learn_recursive(Lessons.read(self.paths, self.validate, self.labels, kept, self.epochs, self.seed), self.out)
         console.print(f"wrote {self.out}")
 
 
@@ -57,5 +58,6 @@ class Corrector(Recursive):
         """Train, calibrate, write."""
         from ipnet.rivals.learning import Lessons, learn_corrector
 
-        learn_corrector(Lessons.read(self.paths, self.validate, self.labels, self.epochs, self.seed), self.out)
+        kept = self.out / "recordings"
+        learn_corrector(Lessons.read(self.paths, self.validate, self.labels, kept, self.epochs, self.seed), self.out)
         console.print(f"wrote {self.out}")

@@ -10,15 +10,16 @@ import torch
 from torch import Tensor
 
 from ipnet.calibration import ErrorModel, fit
-from ipnet.dataset import Track
+from ipnet.dataset import Track, open_tracks
 from ipnet.export import ONNX, OPSET, export
+from ipnet.model import BiasNetwork
 from ipnet.network_source import NetworkPrior
 from ipnet.presets import TrainingConfig
 from ipnet.recordings import open_recordings
 from ipnet.rivals.networks import CONFIG, RATE_HZ, STEP, Corrector, Recursive, increment_loss
 from ipnet.rivals.recursive import STEP_FILE, RecursivePrior
 from ipnet.runs import Span, cut, listen
-from ipnet.training import BiasModule, train
+from ipnet.training import BiasModule, loss, train
 from ipnet.weights import Card, NetworkCard, uncalibrated
 from navcore.arrays import Floats
 from navcore.prior import BiasPriorSource
@@ -46,12 +47,13 @@ class Lessons:
 
     @staticmethod
     def read(
-        training: Iterable[Path], validation: Iterable[Path], labels: Path | None, epochs: int, seed: int
+        training: Iterable[Path], validation: Iterable[Path], labels: Path | None, kept: Path, epochs: int, seed: int
     ) -> "Lessons":
-        """From folders of recordings."""
-        config = TrainingConfig(windows=16, epochs=epochs, patience=30, mount_deg=0.0)
+        """From folders of recordings; what was read once is kept in a folder."""
+        tracks, chosen_by = open_tracks(training, labels, kept), open_tracks(validation, labels, kept)
         spans = cut(open_recordings(validation, labels), RUN_S)
-        return Lessons(_tracks(training, labels), _tracks(validation, labels), spans, config, seed)
+        config = TrainingConfig(windows=16, epochs=epochs, patience=30, mount_deg=0.0)
+        return Lessons(tracks, chosen_by, spans, config, seed)
 
     @property
     def mean(self) -> Floats:
@@ -64,6 +66,16 @@ class Lessons:
         """(6,) their sd, at least a ten thousandth."""
         spread: Floats = np.std([track.bias.mean(axis=0) for track in self.training], axis=0) + 1e-4
         return spread
+
+
+class RecursionModule(BiasModule):
+    """Learns from everything that is said on the way."""
+
+    def training_step(self, batch: tuple[Tensor, Tensor], index: int) -> Tensor:
+        """Mean loss of all estimates."""
+        window, label = batch
+        losses = [loss(self.config.loss, *found, label).mean() for found in self.network.estimates(window)]
+        return torch.stack(losses).mean()
 
 
 class IncrementModule(BiasModule):
@@ -86,7 +98,7 @@ def learn_recursive(lessons: Lessons, out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(lessons.seed)
     network = Recursive(_tensor(lessons.mean), _tensor(lessons.spread))
-    train(network, lessons.config, lessons.training, lessons.validation, out / "log", seed=lessons.seed)
+    _train(network, lessons, out, RecursionModule)
     _export_step(network, out / STEP_FILE)
     _ship(lessons, out, 1.0, RecursivePrior)
 
@@ -96,10 +108,14 @@ def learn_corrector(lessons: Lessons, out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(lessons.seed)
     network = Corrector(_tensor(lessons.mean))
-    log, config = out / "log", lessons.config
-    train(network, config, lessons.training, lessons.validation, log, seed=lessons.seed, module=IncrementModule)
+    _train(network, lessons, out, IncrementModule)
     export(network, out / f"long{ONNX}")
     _ship(lessons, out, 2.0, NetworkPrior)
+
+
+def _train(network: BiasNetwork, lessons: Lessons, out: Path, module: type[BiasModule]) -> None:
+    training, validation = lessons.training, lessons.validation
+    train(network, lessons.config, training, validation, out / "log", seed=lessons.seed, module=module)
 
 
 def _ship(lessons: Lessons, out: Path, every_s: float, source: Callable[[Path, Card], BiasPriorSource]) -> None:
@@ -113,10 +129,6 @@ def _ship(lessons: Lessons, out: Path, every_s: float, source: Callable[[Path, C
     runs = [listen(source(out, card(uncalibrated())), span) for span in lessons.spans]
     errors = [replace(run.errors, recording=f"{run.span.recording} {k}") for k, run in enumerate(runs)]
     card(fit(errors, runs[0].window_s)).write(out)
-
-
-def _tracks(paths: Iterable[Path], labels: Path | None) -> list[Track]:
-    return [Track(r.name, r.imu, r.bias_at(r.imu.t_ns)) for r in open_recordings(paths, labels)]
 
 
 def _tensor(values: Floats) -> Tensor:

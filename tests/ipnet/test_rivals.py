@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 import torch
 
+from ipnet.dataset import Track
 from ipnet.errors import ConfigError
 from ipnet.preintegration import preintegrate
+from ipnet.presets import TrainingConfig
 from ipnet.recordings import Label, Recording
 from ipnet.rivals.learning import Lessons, learn_corrector, learn_recursive
 from ipnet.rivals.networks import CONFIG, STEP, Corrector, Recursive, increment_loss, integrate
+from ipnet.runs import cut
 from navcore.imu import GRAVITY, ImuNoise, ImuSamples
 from navcore.prior import load_prior
 
@@ -25,10 +28,11 @@ def recording(name, seed, seconds=40.0):
 
 
 @pytest.fixture
-def lessons(monkeypatch):
-    kept = {name: recording(name, k) for k, name in enumerate(("a", "b", "c", "d"))}
-    monkeypatch.setattr("ipnet.rivals.learning.open_recordings", lambda paths, labels: [kept[p] for p in paths])
-    return Lessons.read(["a", "b"], ["c", "d"], None, epochs=1, seed=1)
+def lessons():
+    recordings = [recording(name, k) for k, name in enumerate(("a", "b", "c", "d"))]
+    unknown = np.full((len(recordings[0].imu), 3), np.nan)
+    tracks = [Track(r.name, r.imu, r.bias_at(r.imu.t_ns), unknown) for r in recordings]
+    return Lessons(tracks[:2], tracks[2:], cut(recordings[2:], 30.0), TrainingConfig(epochs=1, mount_deg=0.0), seed=1)
 
 
 def test_increments_are_those_of_preintegration():
