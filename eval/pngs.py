@@ -7,7 +7,17 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from eval.figures import GROUND_TRUTH, TRUTH_COLOUR, aligned_positions, bias_range, colour, places, spacing
+from eval.figures import (
+    GROUND_TRUTH,
+    TRUTH_COLOUR,
+    aligned_positions,
+    bias_range,
+    colour,
+    drawn_first,
+    places,
+    spacing,
+    statements,
+)
 from eval.paired import Paired, frame, median_interval
 from eval.records import Record
 
@@ -87,21 +97,26 @@ def _ticks(axes: Axes, at: dict[str, float], axis: str) -> None:
 
 
 def save_biases(records: list[Record], arms: list[str], path: Path) -> None:
-    """Bias estimates with their 3 sigma bands against the truth."""
+    """Bias estimates with their sigma bands, what the sources said, and the truth; the arms drawn first."""
+    shown = drawn_first(records)
     figure = Figure(figsize=(8.0, 6.0), layout="constrained")
     grid = figure.subplots(3, 2, sharex=True)
     for column, (name, unit) in enumerate((("b_g", "rad/s"), ("b_a", "m/s²"))):
         for row, axis in enumerate("xyz"):
             axes = grid[row, column]
-            for record in records:
+            for record in shown:
                 arm = str(record.config["arm"])
+                own = colour(arm, arms)
                 t, value = record.series["t_s"].to_numpy(), record.column(name)[:, row]
-                reach = 3.0 * record.column(f"sigma_d{name}")[:, row]
-                axes.fill_between(t, value - reach, value + reach, color=colour(arm, arms), alpha=0.15, lw=0)
-                axes.plot(t, value, color=colour(arm, arms), lw=1.2, label=arm)
+                reach = record.column(f"sigma_d{name}")[:, row]
+                axes.fill_between(t, value - reach, value + reach, color=own, alpha=0.15, lw=0)
+                axes.plot(t, value, color=own, lw=1.2, label=arm)
+                said = statements(record, name, row)
+                if said is not None:
+                    axes.errorbar(*said, fmt="o", ms=3, lw=0.7, capsize=1.5, color=own, alpha=0.7)
             true = records[0].column(f"true_{name}")[:, row]
             axes.plot(records[0].series["t_s"], true, "--", color=TRUTH_COLOUR, label=GROUND_TRUTH)
-            axes.set(ylabel=f"{name} {axis} [{unit}]", ylim=bias_range(records, name, row))
+            axes.set(ylabel=f"{name} {axis} [{unit}]", ylim=bias_range(shown, name, row))
             axes.grid(alpha=0.3)
     grid[0, 0].legend(frameon=False, fontsize="small")
     for axes in grid[2]:

@@ -7,10 +7,11 @@ import sys
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from rich.console import Console
 
-from eval import figures
+from eval import figures, pngs
 from eval.cells import Study
 from eval.errors import StudyError
 from eval.outcome import load
@@ -155,3 +156,40 @@ def test_conditions_stand_on_their_axis_in_order_and_arms_have_room(tmp_path):
     bare = figures.ate_by_condition(none, ["a", "b"])
     assert bare["layout"]["xaxis"]["ticktext"] == ["20 s", "5 s"] and "title" not in bare["layout"]["xaxis"]
     assert all(trace["mode"] == "markers" for trace in bare["data"])
+
+
+def told(record, arm, prior):
+    """A record of another arm whose source said two things."""
+    said = {"t_ns": [0, 1], "t_s": [2.0, 4.0]}
+    for name, sigma in (("b_g", 0.01), ("b_a", 0.1)):
+        for k, axis in enumerate("xyz"):
+            said |= {f"{name}_{axis}": [k + 0.25, k + 0.5], f"sigma_d{name}_{axis}": [sigma, 2.0 * sigma]}
+    return replace(record, config=record.config | {"arm": arm, "prior": prior}, statements=pd.DataFrame(said))
+
+
+def test_biases_show_what_sources_said_beside_the_filter_and_the_truth(folder, tmp_path):
+    """Six panels: the base and the sources of measurements at first, the others when the legend is asked."""
+    (base,) = (r for r in load(folder).records if r.config["arm"] == "none" and r.config["seed"] == 1)
+    arms = ["none", "constant", "ipnet", "truth"]
+    records = [base, *(told(base, arm, "truth" if arm == "truth" else f"{arm}:x") for arm in arms[1:])]
+    records[1] = replace(records[1], statements=pd.DataFrame())
+    figure = figures.biases(records, arms)
+    said = [t for t in figure["data"] if t["mode"] == "markers"]
+    assert [(t["name"], t["xaxis"], t["x"]) for t in said] == [
+        ("ipnet", f"x{n}", [2.0, 4.0]) for n in (1, 3, 5, 2, 4, 6)
+    ]
+    assert [t["y"] for t in said] == [[k + 0.25, k + 0.5] for k in (0, 1, 2)] * 2
+    assert [t["error_y"]["array"] for t in said] == [[0.01, 0.02]] * 3 + [[0.1, 0.2]] * 3
+    hidden = {t["name"] for t in figure["data"] if t.get("visible") == "legendonly"}
+    assert hidden == {"constant", "truth"}
+    shown = {t["name"] for t in figure["data"] if "visible" not in t}
+    assert shown == {"none", "ipnet", figures.GROUND_TRUTH}
+    band = next(t for t in figure["data"] if t.get("fill") and t["name"] == "none")
+    known = base.series["b_g_x"].notna()
+    sigma = (base.series["b_g_x"] + base.series["sigma_db_g_x"])[known]
+    np.testing.assert_allclose(band["y"][: known.sum()], sigma, rtol=1e-4)
+    low, high = figure["layout"]["yaxis5"]["range"]
+    assert low < base.series["true_b_g_z"].min() and high > 2.4  # most of what was said about b_g z
+    assert not any("visible" in t for t in figures.biases(records[:2], arms)["data"])  # no sources: all are shown
+    pngs.save_biases(records, arms, tmp_path / "biases.png")
+    assert (tmp_path / "biases.png").read_bytes()[:4] == b"\x89PNG"
