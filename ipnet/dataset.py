@@ -12,10 +12,10 @@ from torch.utils.data import Dataset
 
 from ipnet.errors import LabelError
 from ipnet.presets import NetworkConfig
-from ipnet.recordings import find, open_recordings
+from ipnet.recordings import Recording, find, open_recordings
 from ipnet.windows import MAX_GAP_S, means
 from navcore import so3
-from navcore.arrays import Floats, Rotations
+from navcore.arrays import Floats, Rotations, Stamps
 from navcore.imu import ImuSamples
 
 
@@ -27,19 +27,32 @@ class Track:
         name: of the recording.
         imu: its samples.
         bias: (N, 6) b_g, b_a at each of them.
+        velocity: (N, 3) m/s in B at each of them; nan where truth has none.
     """
 
     name: str
     imu: ImuSamples
     bias: Floats
+    velocity: Floats
 
     def window(self, begin_ns: int, config: NetworkConfig) -> tuple[Floats, Floats]:
         """Means (n, 6) from that time on, and the bias (6,) in their middle."""
         edges = begin_ns + np.rint(np.arange(config.samples + 1) * 1e9 / config.rate_hz).astype(np.int64)
-        first, last = np.searchsorted(self.imu.t_ns, edges[[0, -1]])
-        part = self.imu[max(int(first) - 2, 0) : int(last) + 2]
+        part = self._around(edges)
         middle = int(np.searchsorted(self.imu.t_ns, edges[config.samples // 2]))
         return means(part, edges), self.bias[min(middle, len(self.bias) - 1)]
+
+    def motion(self, begin_ns: int, config: NetworkConfig) -> Floats:
+        """(n, 9) means of rate and specific force, free of biases, and velocities in B in the middles of samples."""
+        edges = begin_ns + np.rint(np.arange(config.samples + 1) * 1e9 / config.rate_hz).astype(np.int64)
+        _, bias = self.window(begin_ns, config)
+        middle = np.searchsorted(self.imu.t_ns, edges[:-1] + np.diff(edges) // 2)
+        return np.hstack([means(self._around(edges), edges) - bias, self.velocity[middle]])
+
+    def _around(self, edges: Stamps) -> ImuSamples:
+        """The samples that matter between the first and the last edge."""
+        first, last = np.searchsorted(self.imu.t_ns, edges[[0, -1]])
+        return self.imu[max(int(first) - 2, 0) : int(last) + 2]
 
     def begins(self, config: NetworkConfig) -> list[tuple[int, int]]:
         """Spans [ns] in which a window may begin: it fits, and no gap lies in it."""
@@ -83,10 +96,23 @@ def _track(folder: Path, labels: Path | None, cache: Path) -> Track:
         cache.mkdir(parents=True, exist_ok=True)
         partial = kept.with_suffix(".partial")
         with partial.open("wb") as file:
-            np.savez(file, t_ns=imu.t_ns, gyro=imu.gyro, accel=imu.accel, bias=bias)
+            np.savez(file, t_ns=imu.t_ns, gyro=imu.gyro, accel=imu.accel, bias=bias, velocity=_velocity(recording))
         partial.replace(kept)
     with np.load(kept) as read:
-        return Track(folder.name, ImuSamples(read["t_ns"], read["gyro"], read["accel"]), read["bias"])
+        imu = ImuSamples(read["t_ns"], read["gyro"], read["accel"])
+        return Track(folder.name, imu, read["bias"], read["velocity"])
+
+
+def _velocity(recording: Recording) -> Floats:
+    """(N, 3) in B at the IMU's stamps; nan where truth has none."""
+    truth, t_ns = recording.truth, recording.imu.t_ns
+    v_B = np.full((len(t_ns), 3), np.nan)
+    if truth is not None and truth.v_WB is not None:
+        inside = (t_ns >= truth.t_ns[0]) & (t_ns <= truth.t_ns[-1])
+        there = truth.at(t_ns[inside])
+        assert there.v_WB is not None
+        v_B[inside] = np.einsum("nji,nj->ni", so3.from_quaternion(there.q_WB), there.v_WB)
+    return v_B
 
 
 @dataclass(frozen=True)
@@ -115,19 +141,27 @@ class Windows(Dataset[tuple[Tensor, Tensor]]):
             torch.from_numpy((bias.reshape(2, 3) @ R.T).reshape(6).astype(np.float32)),
         )
 
+    def motion(self, k: int) -> Floats:
+        """(n, 9) rate, specific force and velocity of a window, in the network's frame where that is turned already."""
+        track, begin_ns, R = self.places[k]
+        motion = self.tracks[track].motion(begin_ns, self.config)
+        return (motion.reshape(-1, 3, 3) @ R.T).reshape(-1, 9)
+
 
 def random_windows(
-    tracks: list[Track], config: NetworkConfig, each: int, mount_deg: float, rng: np.random.Generator
+    tracks: list[Track], config: NetworkConfig, seconds: float, mount_deg: float, rng: np.random.Generator
 ) -> Windows:
-    """`each` windows of every recording that is long enough, with random beginnings and mounts.
+    """Windows of every recording that is long enough, with random beginnings and mounts.
 
     Args:
+        seconds: of them from each recording; one window at least.
         mount_deg: sd of the mount's rotation about each axis; from 180 on any rotation is as likely.
 
     Raises:
         LabelError: no recording is long enough.
     """
     places = []
+    each = max(round(seconds * config.rate_hz / config.samples), 1)
     for k, spans in _usable(tracks, config):
         lengths = np.array([b - a for a, b in spans], dtype=np.float64)
         for part, share in zip(rng.choice(len(spans), each, p=lengths / lengths.sum()), rng.random(each), strict=True):

@@ -1,13 +1,16 @@
 """IPNet: raw IMU windows become biases (Yi et al., section III-B), and how sure they are."""
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
 from ipnet.presets import NetworkConfig
 from ipnet.refinement import Belief, MotionModel, refine
+from ipnet.regression import Relations
 from navcore.imu import GRAVITY
 
 SIGMA = (0.05, 0.05, 0.05, 0.3, 0.3, 0.3)  # rad/s, m/s^2: the scale of outputs, and of their spread before training
+ROWS = 6  # of the motion model: three begin with the specific force, three with the velocity
 INPUT = (1.0, 1.0, 1.0, 2.0, 2.0, 2.0)  # rad/s, m/s^2: the scale of inputs
 
 
@@ -23,7 +26,8 @@ class ResidualBlock(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, in, n) to (B, out, n)."""
-        return self.main(x) + self.skip(x)
+        y: Tensor = self.main(x) + self.skip(x)
+        return y
 
 
 class Encoder(nn.Module):
@@ -40,7 +44,8 @@ class Encoder(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, n, 6) to (B, n // 16, channels)."""
-        return self.blocks(x.transpose(1, 2)).transpose(1, 2)
+        y: Tensor = self.blocks(x.transpose(1, 2))
+        return y.transpose(1, 2)
 
 
 class SequenceModel(nn.Module):
@@ -74,7 +79,8 @@ class Attention(nn.Module):
         batch, m, width = x.shape
         q, k, v = self.inputs(x).view(batch, m, 3, self.heads, width // self.heads).permute(2, 0, 3, 1, 4)
         scores = torch.softmax(q @ k.transpose(2, 3) * (width // self.heads) ** -0.5, dim=3)
-        return self.output((scores @ v).transpose(1, 2).reshape(batch, m, width))
+        y: Tensor = self.output((scores @ v).transpose(1, 2).reshape(batch, m, width))
+        return y
 
 
 class Decoder(nn.Module):
@@ -87,27 +93,38 @@ class Decoder(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, m, hidden) to (B, predictions, 3)."""
-        return self.layers(torch.cat([x[:, -1], x.mean(1)], dim=1)).view(-1, self.predictions, 3)
+        y: Tensor = self.layers(torch.cat([x[:, -1], x.mean(1)], dim=1))
+        return y.view(-1, self.predictions, 3)
 
 
 class MotionHead(nn.Module):
     """(B, m, hidden) to what the platform's motion obeys, block by block."""
 
-    def __init__(self, hidden: int, rows: int) -> None:
+    def __init__(self, hidden: int) -> None:
         super().__init__()
-        half = rows // 2
-        eye = torch.eye(3).repeat((rows + 2) // 3, 1)[:rows]
-        by_velocity, by_force = eye * 0.3, eye * 1.5  # the first rows as of drag, the others as of no velocity
-        by_force[half:] = 0.0
-        self.A, self.B, self.C = nn.Parameter(by_velocity), nn.Parameter(by_force), nn.Parameter(torch.zeros(rows, 3))
-        self.rest = nn.Linear(hidden, 2 * rows)
+        zero, eye = torch.zeros(3, 3), torch.eye(3)
+        self.A = nn.Parameter(torch.cat([zero, eye]))
+        self.B = nn.Parameter(torch.cat([eye, zero]))
+        self.C = nn.Parameter(torch.zeros(ROWS, 3))
+        self.n = nn.Parameter(torch.zeros(ROWS))
+        self.log_w = nn.Parameter(torch.zeros(ROWS))
+        self.rest = nn.Linear(hidden, 2 * ROWS)
         nn.init.zeros_(self.rest.weight)
         nn.init.zeros_(self.rest.bias)
+
+    def begin(self, found: Relations) -> None:
+        """Take over relations that regression has found."""
+        with torch.no_grad():
+            for name in ("A", "B", "C", "n"):
+                getattr(self, name).copy_(torch.from_numpy(getattr(found, name)))
+            self.log_w.copy_(torch.from_numpy(np.log(found.weight)))
 
     def forward(self, x: Tensor) -> MotionModel:
         """The model of each window."""
         n, log_w = self.rest(x).transpose(1, 2).chunk(2, dim=1)
-        return MotionModel(self.A, self.B, self.C, n, torch.exp(log_w.clamp(-6.0, 6.0)))
+        sd = torch.exp(-self.log_w)[:, None]
+        log_w = torch.clamp(self.log_w[:, None] + log_w, -6.0, 6.0)
+        return MotionModel(self.A, self.B, self.C, self.n[:, None] + sd * n, torch.exp(log_w))
 
 
 class BiasNetwork(nn.Module):
@@ -128,6 +145,11 @@ class IPNet(BiasNetwork):
     (`ipnet.refinement`), which start from that estimate. Encoder and refinement see the same window.
     """
 
+    base: Tensor  # (6,) where outputs begin: a level IMU's means, less its biases
+    R_NB: Tensor  # (3, 3) from the body to the network's frame, where the mount is fixed
+    output_scale: Tensor  # (6,)
+    input_scale: Tensor  # (6,)
+
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         self.config = config
@@ -138,10 +160,10 @@ class IPNet(BiasNetwork):
         self.spread = nn.Sequential(
             nn.Linear(2 * config.hidden, config.hidden), nn.PReLU(), nn.Linear(config.hidden, 6)
         )
-        self.motion = MotionHead(config.hidden, config.residuals) if config.refinements else None
-        self.log_scale = nn.Parameter(torch.zeros(config.refinements, 6))  # of a refinement's sd, by which it is wrong
+        self.motion = MotionHead(config.hidden) if config.reach else None
+        self.log_scale = nn.Parameter(torch.zeros(6))  # of the sd after refinement, by which it is wrong
         self.register_buffer("base", torch.tensor([0.0, 0.0, 0.0, 0.0, 0.0, -GRAVITY if config.centred else 0.0]))
-        self.register_buffer("R_NB", torch.eye(3))  # from the body to the network's frame
+        self.register_buffer("R_NB", torch.eye(3))
         self.register_buffer("output_scale", torch.tensor(SIGMA))
         self.register_buffer("input_scale", torch.tensor(INPUT))
 
@@ -158,12 +180,12 @@ class IPNet(BiasNetwork):
 
     def estimates(self, window: Tensor) -> list[tuple[Tensor, Tensor]]:
         """What `forward` gives, before and after each refinement."""
-        R = self._mount(window)
-        turned = (window.unflatten(2, (2, 3)) @ R.transpose(1, 2)[:, None]).flatten(2)
+        R = self.mount(window)
+        turned = (window.view(-1, self.config.samples, 2, 3) @ R.transpose(1, 2)[:, None]).flatten(2)
         found = self._in_network_frame(turned)
         return [(_turned_back(bias, R), torch.sqrt(_turned_back(sigma**2, R**2))) for bias, sigma in found]
 
-    def _mount(self, window: Tensor) -> Tensor:
+    def mount(self, window: Tensor) -> Tensor:
         """(B, 3, 3) or (1, 3, 3) from the body to the network's frame."""
         if self.config.mount == "fixed":
             return self.R_NB[None]
@@ -184,9 +206,9 @@ class IPNet(BiasNetwork):
         samples = window.transpose(1, 2).contiguous()
         first = Belief(bias, 2.0 * sigma**2, None, torch.zeros_like(bias[:, :3]))
         now = first
-        for log_scale in self.log_scale:
-            now = refine(samples, 1.0 / self.config.rate_hz, first, now, model)
-            found.append((now.bias, torch.exp(log_scale) * torch.sqrt(0.5 * now.variance)))
+        for reach in self.config.reach:
+            now = refine(samples, 1.0 / self.config.rate_hz, first, now, model.within(reach))
+            found.append((now.bias, torch.exp(self.log_scale) * torch.sqrt(0.5 * now.variance)))
         return found
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import onnxruntime
 
-from ipnet.weights import Card, NetworkCard, find
+from ipnet.weights import NETWORKS, Card, NetworkCard, find
 from ipnet.windows import ImuWindow, WindowStream
 from navcore.arrays import Floats
 from navcore.imu import ImuSamples
@@ -67,8 +67,8 @@ class NetworkPrior:
 
     def __init__(self, folder: Path, card: Card) -> None:
         voices = {name: _Voice(folder / f"{name}{ONNX}", c) for name, c in card.networks.items()}
-        self._last = voices.pop("long", None) or voices.pop("short")
-        self._first = voices.pop("short", None)
+        self._last = voices.get("long", voices["short"]) if "short" in voices else voices["long"]
+        self._first = voices["short"] if len(voices) == len(NETWORKS) else None
         apart = [min(v.card.grid.seconds, v.card.every_s) for v in (self._first, self._last) if v is not None]
         self.window_s = min(apart)
         self.constant_covariance: Floats = self._last.card.errors.constant

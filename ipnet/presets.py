@@ -21,8 +21,8 @@ class NetworkConfig:
             measurements then comes out again exactly, whatever the weights are.
         mount: "fixed": the IMU sits in the platform in one way, which is found in the training data; "any": each
             window is turned so that its mean specific force is along z.
-        refinements: how often the estimate is refined by dead reckoning; 0 for none.
-        residuals: rows of the motion model that a refinement uses.
+        reach: of each refinement by dead reckoning, how far from the window's middle the motion model counts, as a
+            share of half the window (a Gaussian's width; 0 for all alike): errors of a start grow with that distance.
     """
 
     samples: int
@@ -34,11 +34,10 @@ class NetworkConfig:
     predictions: int = 50
     centred: bool = True
     mount: str = "fixed"
-    refinements: int = 3
-    residuals: int = 6
+    reach: tuple[float, ...] = (0.2, 0.5, 0.0)
 
     def __post_init__(self) -> None:
-        if self.refinements and self.samples % (2 * BLOCK):
+        if self.reach and self.samples % (2 * BLOCK):
             raise ConfigError(f"samples is {self.samples}; refinement needs a multiple of {2 * BLOCK}")
         if self.mount not in ("fixed", "any"):
             raise ConfigError(f"mount is {self.mount!r}, expected fixed or any")
@@ -62,9 +61,9 @@ class TrainingConfig:
         loss: "l1" the paper's, or "laplace": likelihood with a scale per axis.
         optimizer: "rmsprop" or "adamw".
         learning_rate: at the start.
-        schedule: "step" x0.1 every ten epochs, or "cosine" down to a hundredth.
+        schedule: "step" x0.1 every ten epochs, or "cosine" down to a hundredth, after two epochs of warming up.
         batch: windows in a step.
-        windows: drawn from each recording in an epoch, with random beginnings.
+        seconds: of windows with random beginnings that are drawn from each recording in an epoch.
         epochs: at most.
         patience: epochs without a better validation before training stops.
         mount_deg: sd of the rotation by which the IMU is mounted differently, per axis; 180 or more for any.
@@ -73,14 +72,14 @@ class TrainingConfig:
 
     loss: str = "laplace"
     optimizer: str = "adamw"
-    learning_rate: float = 2e-3
+    learning_rate: float = 1e-3
     schedule: str = "cosine"
-    batch: int = 32
-    windows: int = 4
-    epochs: int = 60
-    patience: int = 15
-    mount_deg: float = 3.0
-    validation_every_s: float = 10.0
+    batch: int = 16
+    seconds: float = 80.0
+    epochs: int = 30
+    patience: int = 10
+    mount_deg: float = 0.0
+    validation_every_s: float = 20.0
 
 
 @dataclass(frozen=True)
@@ -94,12 +93,8 @@ class Preset:
 PRESETS = {
     "default": Preset({"short": NetworkConfig(256, 51.2), "long": NetworkConfig(960, 24.0)}),
     "paper": Preset(
-        {
-            "long": NetworkConfig(
-                1000, 200.0, channels=(32, 64, 128, 128), hidden=128, centred=False, refinements=0, residuals=0
-            )
-        },
-        TrainingConfig("l1", "rmsprop", 1e-6, "step", mount_deg=0.0),
+        {"long": NetworkConfig(1000, 200.0, channels=(32, 64, 128, 128), hidden=128, centred=False, reach=())},
+        TrainingConfig("l1", "rmsprop", 1e-6, "step", batch=32, seconds=400.0),
     ),
 }
 

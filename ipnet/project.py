@@ -49,7 +49,7 @@ class Project:
     @property
     def training_config(self) -> TrainingConfig:
         """How networks are trained."""
-        mount = {"mount_deg": 180.0} if self.any_mount else {}
+        mount: dict[str, Any] = {"mount_deg": 180.0} if self.any_mount else {}
         return replace(preset(self.preset).training, **mount, **self.changed)
 
 
@@ -70,7 +70,7 @@ def build(project: Project, out: Path, devices: Devices | None = None, progress:
             continue
         if project.any_mount:
             shape = replace(shape, mount="any")
-        network = new_network(shape, training, project.seed)
+        network = new_network(shape, training, config.mount_deg, project.seed)
         if before is not None and start is not None:
             if name not in before.networks:
                 raise ConfigError(f"weights {project.start!r} have no network {name}")

@@ -10,7 +10,7 @@ with A, B, C learned and n, w given by the network for each block of the window.
 and the velocity in the middle, and both biases; the attitude error is -G db_g with G the integral of R_M.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -38,6 +38,14 @@ class MotionModel:
     C: Tensor
     n: Tensor
     w: Tensor
+
+    def within(self, reach: float) -> "MotionModel":
+        """With less weight far from the middle: a Gaussian of that share of half the window; 0 for the same weights."""
+        if reach == 0.0:
+            return self
+        blocks = self.w.shape[2]
+        off = (torch.arange(blocks, dtype=self.w.dtype) + 0.5) * (2.0 / blocks) - 1.0
+        return replace(self, w=self.w * torch.exp(-((off / reach) ** 2)))
 
 
 @dataclass(frozen=True)
@@ -151,7 +159,7 @@ def product(p: Tensor, q: Tensor) -> Tensor:
     second = torch.tensor([0, 1, 2, 3, 1, 0, 3, 2, 2, 0, 1, 3, 3, 0, 2, 1])
     sign = torch.tensor([1, -1, -1, -1, 1, 1, 1, -1, 1, 1, 1, -1, 1, 1, 1, -1], dtype=p.dtype)
     terms = p.index_select(1, first) * q.index_select(1, second)
-    terms = terms.unflatten(1, (4, 4)) * sign.view(1, 4, 4, *[1] * (p.dim() - 2))
+    terms = terms.view(terms.shape[0], 4, 4, *terms.shape[2:]) * sign.view(1, 4, 4, *[1] * (p.dim() - 2))
     return terms.sum(2)
 
 

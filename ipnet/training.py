@@ -2,7 +2,7 @@
 
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -18,9 +18,16 @@ from torch.utils.data import DataLoader
 from ipnet.dataset import Track, Windows, random_windows, regular_windows
 from ipnet.model import BiasNetwork, IPNet, upright
 from ipnet.presets import NetworkConfig, TrainingConfig
+from ipnet.regression import relations
+from navcore.arrays import Rotations
 
-EARLIER = 0.25
-"""Weight in the loss of each estimate before the last."""
+FIRST = 0.25
+"""Weight in the loss of the estimate that refinements start from."""
+MOTION = ("A", "B", "C", "n", "log_w", "log_scale")
+MOTION_RATE = 0.2
+"""Of the learning rate, for the motion model: it begins near where it ends."""
+WINDOWS = 160
+"""That a network begins with, about."""
 LAST = "last.ckpt"
 
 Batch = tuple[Tensor, Tensor]
@@ -35,7 +42,7 @@ class Devices:
     strategy: str = "auto"  # how they share the work
 
 
-class BiasModule(L.LightningModule):
+class BiasModule(L.LightningModule):  # type: ignore[misc]
     """A network and how it learns; windows are drawn anew in each epoch, from the seed and the epoch's number."""
 
     def __init__(
@@ -53,7 +60,7 @@ class BiasModule(L.LightningModule):
     def train_dataloader(self) -> DataLoader[Batch]:
         """This epoch's windows."""
         rng = np.random.default_rng([self._seed, self.current_epoch])
-        drawn = random_windows(self._training, self.network.config, self.config.windows, self.config.mount_deg, rng)
+        drawn = random_windows(self._training, self.network.config, self.config.seconds, self.config.mount_deg, rng)
         order = rng.permutation(len(drawn))
         shuffled = Windows(drawn.config, drawn.tracks, [drawn.places[k] for k in order])
         return DataLoader(shuffled, batch_size=self.config.batch)
@@ -63,11 +70,14 @@ class BiasModule(L.LightningModule):
         return DataLoader(self._validation, batch_size=self.config.batch)
 
     def training_step(self, batch: Batch, index: int) -> Tensor:
-        """Loss of all estimates, the last one's counting most."""
+        """Loss of the last estimate, and some of the first."""
         window, label = batch
-        losses = [loss(self.config.loss, *found, label).mean() for found in self.network.estimates(window)]
-        total = losses[-1] + EARLIER * sum(losses[:-1], torch.zeros(()))
-        self.log("loss", losses[-1], prog_bar=True)
+        first, *refined = self.network.estimates(window)
+        total = loss(self.config.loss, *first, label).mean()
+        if refined:
+            last = loss(self.config.loss, *refined[-1], label).mean()
+            total = last + FIRST * total
+        self.log("loss", total, prog_bar=True)
         return total
 
     def validation_step(self, batch: Batch, index: int) -> None:
@@ -93,10 +103,13 @@ class BiasModule(L.LightningModule):
         if c.optimizer == "rmsprop":
             optimizer: torch.optim.Optimizer = torch.optim.RMSprop(self.parameters(), lr=c.learning_rate)
         else:
-            motion = [p for n, p in self.named_parameters() if n.rsplit(".", 1)[-1] in ("A", "B", "C", "log_scale")]
+            motion = [p for n, p in self.named_parameters() if n.rsplit(".", 1)[-1] in MOTION]
             known = {id(p) for p in motion}
             others = [p for p in self.parameters() if id(p) not in known]
-            groups = [{"params": others}, {"params": motion, "weight_decay": 0.0, "lr": 10.0 * c.learning_rate}]
+            groups: list[dict[str, Any]] = [
+                {"params": others},
+                {"params": motion, "weight_decay": 0.0, "lr": MOTION_RATE * c.learning_rate},
+            ]
             optimizer = torch.optim.AdamW(groups, lr=c.learning_rate, weight_decay=1e-3)
         if c.schedule == "step":
             schedule: Any = torch.optim.lr_scheduler.StepLR(optimizer, 10, 0.1)
@@ -170,15 +183,44 @@ def train(
     network.eval()
 
 
-def new_network(config: NetworkConfig, training: list[Track], seed: int) -> IPNet:
-    """An untrained network whose frame has the mean specific force of the recordings along z."""
+def new_network(config: NetworkConfig, training: list[Track], mount_deg: float, seed: int) -> IPNet:
+    """A network to begin with.
+
+    Where the mount is fixed, its frame has the mean specific force of the recordings along z. Its motion model is what
+    regression finds in them, and its scales are right for it.
+    """
     torch.manual_seed(seed)
     network = IPNet(config)
     if config.centred and config.mount == "fixed":
         force = np.mean([t.imu.accel.mean(axis=0) - t.bias[:, 3:].mean(axis=0) for t in training], axis=0)
         network.R_NB.copy_(upright(torch.from_numpy(force[None].astype(np.float32)))[0])
+    if network.motion is not None:
+        rng = np.random.default_rng(seed)
+        seconds = (1 + WINDOWS // len(training)) * config.samples / config.rate_hz
+        drawn = random_windows(training, config, seconds, mount_deg, rng)
+        found = relations(replace(drawn, places=[_in_network_frame(network, drawn, k) for k in range(len(drawn))]))
+        if found is not None:
+            network.motion.begin(found)
+        _begin_scales(network, drawn)
     return network
 
 
+def _in_network_frame(network: IPNet, windows: Windows, k: int) -> tuple[int, int, Rotations]:
+    """A window's place with the rotation to where the network sees it."""
+    track, begin_ns, R = windows.places[k]
+    values, _ = windows[k]
+    R_NB = network.mount(values[None])[0].double().numpy()
+    return track, begin_ns, R_NB @ R
+
+
+def _begin_scales(network: IPNet, windows: Windows) -> None:
+    """Set how wrong refined estimates are to what the windows show."""
+    rows = [windows[k] for k in range(len(windows))]
+    label = torch.stack([b for _, b in rows])
+    with torch.no_grad():
+        bias, scale = network(torch.stack([w for w, _ in rows]))
+        network.log_scale.add_(((bias - label).abs() / scale).mean(0).log())
+
+
 def _cosine(epoch: int, epochs: int) -> float:
-    return 0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * min(epoch / epochs, 1.0)))
+    return min((epoch + 1) / 3.0, 0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * min(epoch / epochs, 1.0))))

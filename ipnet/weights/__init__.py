@@ -55,7 +55,7 @@ class NetworkCard:
     def from_dict(content: dict[str, Any]) -> "NetworkCard":
         """From what `as_dict` gave."""
         config = dict(content["config"])
-        config["channels"] = tuple(config["channels"])
+        config["channels"], config["reach"] = tuple(config["channels"]), tuple(config["reach"])
         errors = ErrorModel.from_dict(content["errors"])
         return NetworkCard(NetworkConfig(**config), content["every_s"], errors, content["validation"])
 
