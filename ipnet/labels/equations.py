@@ -15,7 +15,7 @@ from scipy import sparse
 from ipnet.labels.nodes import Nodes
 from ipnet.preintegration import Increments
 from navcore import so3
-from navcore.arrays import Floats, Vectors
+from navcore.arrays import Floats, Stamps, Vectors
 from navcore.imu import GRAVITY
 
 OFFSET_UNIT_S = 0.01
@@ -60,14 +60,14 @@ def gyro_equations(nodes: Nodes, increments: Increments) -> Equations:
     A = R[k + 1] @ increments.J[k, 0:3, 0:3] / T[:, None, None]
     rows = np.arange(len(k))
     by_node = _matrix([(rows, k + 1, 1.0 / T), (rows, k, -1.0 / T)], (len(k), len(R)))
-    middle = 0.5 * (nodes.t_ns[k] + nodes.t_ns[k + 1])
+    middle = (nodes.t_ns[k] + nodes.t_ns[k + 1]) // 2
     return Equations(A, r, *_when(nodes, middle), by_node, np.zeros(len(k) - 1))
 
 
-def accel_equations(nodes: Nodes, increments: Increments, tilt: bool) -> Equations:
+def accel_equations(nodes: Nodes, increments: Increments, tilt: bool, down: float = GRAVITY) -> Equations:
     """A node between two segments each [m/s^2], by b_a, what the truth's positions are early by, and gravity's x, y.
 
-    The second is in `OFFSET_UNIT_S`, the third there only with `tilt`.
+    The second is in `OFFSET_UNIT_S`, the third there only with `tilt`. `down`: what is left of gravity along z.
     """
     p, i = nodes.p_WB, nodes.inner
     R = nodes.R_WB[i]
@@ -81,7 +81,7 @@ def accel_equations(nodes: Nodes, increments: Increments, tilt: bool) -> Equatio
     J = back @ J_late[i - 1] + increments.J[i, 6:9] / T[i, :, None]
     J[:, :, 0:3] += so3.hat(rising) @ increments.J[i - 1, 0:3, 0:3]
     J = R @ J / d[..., None]
-    r = (q[i] - q[i - 1]) / d - _apply(R, rising + falling) / d - [0.0, 0.0, -GRAVITY]
+    r = (q[i] - q[i - 1]) / d - _apply(R, rising + falling) / d - [0.0, 0.0, -down]
     before, after = _apply(R @ back, increments.delta_v[i - 1]) / T[i - 1], _apply(R, increments.delta_v[i]) / T[i]
     jerk = (after - before) / d
     columns = [J[:, :, 3:6], OFFSET_UNIT_S * jerk[..., None]]
@@ -100,12 +100,12 @@ def turn_columns(nodes: Nodes, increments: Increments) -> Floats:
     return R[k + 1] @ (_T(increments.delta_R[k]) - np.eye(3)) / increments.dt[k, None, None]
 
 
-def _when(nodes: Nodes, t_ns: Floats) -> tuple[Floats, float]:
+def _when(nodes: Nodes, t_ns: Stamps) -> tuple[Floats, float]:
     begin, end = nodes.span_ns
-    return (t_ns - begin) * 1e-9, (end - begin) * 1e-9
+    return np.asarray((t_ns - begin) * 1e-9, dtype=np.float64), (end - begin) * 1e-9
 
 
-def _matrix(entries: list[tuple[Floats, Floats, Floats]], shape: tuple[int, int]) -> sparse.csr_array:
+def _matrix(entries: list[tuple[Stamps, Stamps, Floats]], shape: tuple[int, int]) -> sparse.csr_array:
     rows, columns, values = (np.concatenate(x) for x in zip(*entries, strict=True))
     return sparse.csr_array((values, (rows, columns)), shape=shape)
 

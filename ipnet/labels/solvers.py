@@ -15,10 +15,11 @@ from ipnet.labels.errors import Errors, Normal
 from ipnet.labels.nodes import Nodes
 from ipnet.preintegration import Increments, preintegrate
 from navcore.arrays import Floats, Vectors
-from navcore.imu import ImuNoise, ImuSamples
+from navcore.imu import GRAVITY, ImuNoise, ImuSamples
 
 _RELINEARISED = 4  # at most; a gyro bias of .1 rad/s needs three
 _REWEIGHTED = 30
+_UPRIGHTED = 2  # a tilt of 2.5 degrees takes .01 m/s^2 off the vertical, known from the first solution to 1e-5
 _SETTLED = 2e-6  # rad/s, m/s^2
 _LINEAR = 1e-4  # rad/s: steps below are linear to 1e-8
 _LEAST = 1e-6  # rad/s, m/s^2: what an error is at least, so that a perfect IMU can be labelled
@@ -105,13 +106,17 @@ def gauss_newton(problem: Problem) -> tuple[Block, Block]:
         equations, increments = _gyro(problem, b_g)
         step, errors = _settled(equations, errors, walk, floor)
         b_g = b_g + step
-        if np.abs(step).max() < _LINEAR:
+        if float(np.abs(step).max()) < _LINEAR:
             break
+    assert errors is not None
     gyro = _block(b_g, equations, errors, walk, increments, step)
     increments = problem.increments(b_g)
     walk, floor = problem.noise.accelerometer_random_walk, problem.accel_floor
-    equations = accel_equations(problem.nodes, increments, problem.tilt)
-    x, errors = _settled(equations, None, walk, floor)
+    x, errors = np.zeros(0), None
+    for _ in range(_UPRIGHTED if problem.tilt else 1):
+        equations = accel_equations(problem.nodes, increments, problem.tilt, _down(x))
+        x, errors = _settled(equations, errors, walk, floor)
+    assert errors is not None
     return gyro, _block(x, equations, errors, walk, increments, x)
 
 
@@ -130,9 +135,9 @@ def adam(problem: Problem) -> tuple[Block, Block]:
     gyro = _block(b_g, equations, errors, walk, increments, step)
     increments = problem.increments(b_g)
     walk, floor = problem.noise.accelerometer_random_walk, problem.accel_floor
-    equations = accel_equations(problem.nodes, increments, problem.tilt)
-    x, of_accel = np.zeros(equations.A.shape[2]), None
+    x, of_accel = np.zeros(6 if problem.tilt else 4), None
     for stage in range(ADAM_STEPS // ADAM_EVERY):
+        equations = accel_equations(problem.nodes, increments, problem.tilt, _down(x))
         x, of_accel = _descend(equations, x, of_accel, walk, floor, 1e-2 * 0.1**stage)
     assert of_accel is not None
     return gyro, _block(x, equations, of_accel, walk, increments, x)
@@ -158,15 +163,21 @@ def _gyro(problem: Problem, b_g: Vectors) -> tuple[Equations, Increments]:
     return gyro_equations(problem.nodes, increments), increments
 
 
+def _down(x: Floats) -> float:
+    """What is left of gravity along z, when its x and y are the last two of six unknowns."""
+    level = float(np.sum(x[4:6] ** 2)) if len(x) == 6 else 0.0
+    return float(np.sqrt(max(GRAVITY**2 - level, 0.0)))
+
+
 def _settled(equations: Equations, errors: Errors | None, walk: float, floor: float) -> tuple[Floats, Errors]:
     """Solve and weigh in turn until the solution stays."""
-    x = np.linalg.lstsq(equations.A.reshape(-1, equations.A.shape[2]), equations.r.ravel())[0]
+    x: Floats = np.asarray(np.linalg.lstsq(equations.A.reshape(-1, equations.A.shape[2]), equations.r.ravel())[0])
     errors = errors or err.fresh(equations, x)
     for _ in range(_REWEIGHTED):
         errors = err.reweighted(equations, x, errors, walk, floor)
         told = err.normal(equations, errors, walk)
-        before, x = x, np.linalg.solve(told.H, told.h)
-        if np.abs(x - before).max() < _SETTLED:
+        before, x = x, np.asarray(np.linalg.solve(told.H, told.h))
+        if float(np.abs(x - before).max()) < _SETTLED:
             break
     return x, errors
 
@@ -191,16 +202,16 @@ def _descend(
 def _block(x: Floats, equations: Equations, errors: Errors, walk: float, increments: Increments, step: Floats) -> Block:
     """`step`: what solves the equations, that is `x` less where they were linearised."""
     told: Normal = err.normal(equations, errors, walk)
-    covariance = np.linalg.inv(told.H)
+    covariance: Floats = np.asarray(np.linalg.inv(told.H))
     by_gyro = np.zeros((len(x), 3)) if told.H_gyro is None else -covariance @ told.H_gyro
     return Block(x, covariance, by_gyro, err.residual(equations, step), errors, increments)
 
 
 def _mean(equations: Equations, increments: Increments) -> Block:
     each = np.linalg.solve(equations.A[:, :, :3], equations.r[..., None])[..., 0]
-    x = each.mean(axis=0)
+    x: Floats = np.asarray(each.mean(axis=0))
     rows, nodes = equations.by_node.shape
-    covariance = np.cov(each.T) / rows
+    covariance: Floats = np.asarray(np.cov(each.T) / rows, dtype=np.float64)
     by_gyro = np.zeros((3, 3))
     if equations.by_gyro is not None:
         by_gyro = -np.linalg.solve(equations.A[:, :, :3], equations.by_gyro).mean(axis=0)
