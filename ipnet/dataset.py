@@ -149,19 +149,17 @@ class Windows(Dataset[tuple[Tensor, Tensor]]):
 
 
 def random_windows(
-    tracks: list[Track], config: NetworkConfig, seconds: float, mount_deg: float, rng: np.random.Generator
+    tracks: list[Track], config: NetworkConfig, each: int, mount_deg: float, rng: np.random.Generator
 ) -> Windows:
-    """Windows of every recording that is long enough, with random beginnings and mounts.
+    """`each` windows of every recording that is long enough, with random beginnings and mounts.
 
     Args:
-        seconds: of them from each recording; one window at least.
         mount_deg: sd of the mount's rotation about each axis; from 180 on any rotation is as likely.
 
     Raises:
         LabelError: no recording is long enough.
     """
     places = []
-    each = max(round(seconds * config.rate_hz / config.samples), 1)
     for k, spans in _usable(tracks, config):
         lengths = np.array([b - a for a, b in spans], dtype=np.float64)
         for part, share in zip(rng.choice(len(spans), each, p=lengths / lengths.sum()), rng.random(each), strict=True):

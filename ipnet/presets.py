@@ -63,7 +63,7 @@ class TrainingConfig:
         learning_rate: at the start.
         schedule: "step" x0.1 every ten epochs, or "cosine" down to a hundredth, after two epochs of warming up.
         batch: windows in a step.
-        seconds: of windows with random beginnings that are drawn from each recording in an epoch.
+        windows: drawn from each recording in an epoch, with random beginnings.
         epochs: at most.
         patience: epochs without a better validation before training stops.
         mount_deg: sd of the rotation by which the IMU is mounted differently, per axis; 180 or more for any.
@@ -75,7 +75,7 @@ class TrainingConfig:
     learning_rate: float = 1e-3
     schedule: str = "cosine"
     batch: int = 16
-    seconds: float = 80.0
+    windows: int = 4
     epochs: int = 30
     patience: int = 10
     mount_deg: float = 0.0
@@ -94,7 +94,7 @@ PRESETS = {
     "default": Preset({"short": NetworkConfig(256, 51.2), "long": NetworkConfig(960, 24.0)}),
     "paper": Preset(
         {"long": NetworkConfig(1000, 200.0, channels=(32, 64, 128, 128), hidden=128, centred=False, reach=())},
-        TrainingConfig("l1", "rmsprop", 1e-6, "step", batch=32, seconds=400.0),
+        TrainingConfig("l1", "rmsprop", 1e-6, "step", batch=32, windows=40),
     ),
 }
 

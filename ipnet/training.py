@@ -60,7 +60,7 @@ class BiasModule(L.LightningModule):  # type: ignore[misc]
     def train_dataloader(self) -> DataLoader[Batch]:
         """This epoch's windows."""
         rng = np.random.default_rng([self._seed, self.current_epoch])
-        drawn = random_windows(self._training, self.network.config, self.config.seconds, self.config.mount_deg, rng)
+        drawn = random_windows(self._training, self.network.config, self.config.windows, self.config.mount_deg, rng)
         order = rng.permutation(len(drawn))
         shuffled = Windows(drawn.config, drawn.tracks, [drawn.places[k] for k in order])
         return DataLoader(shuffled, batch_size=self.config.batch)
@@ -196,8 +196,7 @@ def new_network(config: NetworkConfig, training: list[Track], mount_deg: float, 
         network.R_NB.copy_(upright(torch.from_numpy(force[None].astype(np.float32)))[0])
     if network.motion is not None:
         rng = np.random.default_rng(seed)
-        seconds = (1 + WINDOWS // len(training)) * config.samples / config.rate_hz
-        drawn = random_windows(training, config, seconds, mount_deg, rng)
+        drawn = random_windows(training, config, 1 + WINDOWS // len(training), mount_deg, rng)
         found = relations(replace(drawn, places=[_in_network_frame(network, drawn, k) for k in range(len(drawn))]))
         if found is not None:
             network.motion.begin(found)

@@ -35,7 +35,7 @@ class Train:
     any_mount: bool = False  # the IMU may sit in the platform in any way
     epochs: int | None = None  # instead of the preset's
     learning_rate: float | None = None  # instead of the preset's
-    seconds: float | None = None  # of windows from each recording in an epoch, instead of the preset's
+    windows: int | None = None  # of each recording in an epoch, instead of the preset's
     minutes: float | None = None  # for each network, at most
     seed: int = 1  # of weights and windows
     lightning: DeviceFlags = field(default_factory=DeviceFlags)
@@ -45,7 +45,7 @@ class Train:
         from ipnet.project import Project, build
         from ipnet.training import Devices
 
-        changed = {"epochs": self.epochs, "learning_rate": self.learning_rate, "seconds": self.seconds}
+        changed = {"epochs": self.epochs, "learning_rate": self.learning_rate, "windows": self.windows}
         project = Project(
             self.paths,
             self.validate,
