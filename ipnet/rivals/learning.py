@@ -1,28 +1,27 @@
 """Trains the networks of `ipnet.rivals.networks` with the loop that trains ours, and ships them in the same way."""
 
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
-from ipnet.calibration import ErrorModel, fit
+from ipnet.calibration import fit
 from ipnet.dataset import Track, open_tracks
-from ipnet.export import ONNX, OPSET, export
+from ipnet.export import OPSET
 from ipnet.model import BiasNetwork
-from ipnet.network_source import NetworkPrior
 from ipnet.presets import TrainingConfig
 from ipnet.recordings import open_recordings
-from ipnet.rivals.networks import CONFIG, RATE_HZ, STEP, Corrector, Recursive, increment_loss
-from ipnet.rivals.recursive import STEP_FILE, RecursivePrior
+from ipnet.rivals.learned import ONNX, LearnedPrior, RivalCard
+from ipnet.rivals.networks import CONFIG, STEP, Corrector, Recursive, increment_loss
 from ipnet.runs import Span, cut, listen
 from ipnet.training import BiasModule, loss, train
-from ipnet.weights import Card, NetworkCard, uncalibrated
+from ipnet.weights import uncalibrated
+from ipnet.windows import Grid
 from navcore.arrays import Floats
-from navcore.prior import BiasPriorSource
 
 RUN_S = 30.0
 """Length of the runs that calibration hears."""
@@ -86,7 +85,7 @@ class IncrementModule(BiasModule):
         window, label = batch
         assert isinstance(self.network, Corrector)
         correction = self.network.correction(window)
-        own = increment_loss(window - correction, window - label[:, None], 1.0 / RATE_HZ).mean()
+        own = increment_loss(window - correction, window - label[:, None], 1.0 / CONFIG.rate_hz).mean()
         _, scale = self.network(window)
         off = (correction.mean(1).detach() - label).abs()
         total: Tensor = own + (torch.log(2.0 * scale) + off / scale).mean()
@@ -95,22 +94,20 @@ class IncrementModule(BiasModule):
 
 def learn_recursive(lessons: Lessons, out: Path) -> None:
     """Train `recursive`, calibrate it, and write it into a folder."""
-    out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(lessons.seed)
     network = Recursive(_tensor(lessons.mean), _tensor(lessons.spread))
     _train(network, lessons, out, RecursionModule)
-    _export_step(network, out / STEP_FILE)
-    _ship(lessons, out, 1.0, RecursivePrior)
+    step_s = STEP / CONFIG.rate_hz
+    inputs = {"window": torch.zeros(1, STEP, 6), "past": torch.zeros(1, 6)}
+    _ship(lessons, out, network.step, inputs, Grid(step_s, CONFIG.rate_hz, step_s), lessons.mean)
 
 
 def learn_corrector(lessons: Lessons, out: Path) -> None:
     """Train `corrector`, calibrate it, and write it into a folder."""
-    out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(lessons.seed)
     network = Corrector(_tensor(lessons.mean))
     _train(network, lessons, out, IncrementModule)
-    export(network, out / f"long{ONNX}")
-    _ship(lessons, out, 2.0, NetworkPrior)
+    _ship(lessons, out, network, {"window": torch.zeros(1, CONFIG.samples, 6)}, CONFIG.grid(2.0), None)
 
 
 def _train(network: BiasNetwork, lessons: Lessons, out: Path, module: type[BiasModule]) -> None:
@@ -118,36 +115,37 @@ def _train(network: BiasNetwork, lessons: Lessons, out: Path, module: type[BiasM
     train(network, lessons.config, training, validation, out / "log", seed=lessons.seed, module=module)
 
 
-def _ship(lessons: Lessons, out: Path, every_s: float, source: Callable[[Path, Card], BiasPriorSource]) -> None:
-    """Hear what it says on runs of the validation recordings, and write the card."""
-    made = {"start": lessons.mean.tolist(), "seed": lessons.seed, "config": vars(lessons.config)}
+def _ship(
+    lessons: Lessons, out: Path, network: nn.Module, inputs: dict[str, Tensor], grid: Grid, start: Floats | None
+) -> None:
+    """Export it, hear what it says on runs of the validation recordings, and write the card."""
+    _export(network, inputs, out / ONNX)
     training, validation = (tuple(t.name for t in part) for part in (lessons.training, lessons.validation))
-
-    def card(errors: ErrorModel) -> Card:
-        return Card({"long": NetworkCard(CONFIG, every_s, errors)}, training, validation, made)
-
-    runs = [listen(source(out, card(uncalibrated())), span) for span in lessons.spans]
+    made = {"seed": lessons.seed, "config": vars(lessons.config)}
+    card = RivalCard(grid, start, uncalibrated(), training, validation, made)
+    runs = [listen(LearnedPrior(out, card), span) for span in lessons.spans]
     errors = [replace(run.errors, recording=f"{run.span.recording} {k}") for k, run in enumerate(runs)]
-    card(fit(errors, runs[0].window_s)).write(out)
+    replace(card, errors=fit(errors, runs[0].window_s)).write(out)
 
 
-def _tensor(values: Floats) -> Tensor:
-    return torch.from_numpy(values.astype(np.float32))
-
-
-def _export_step(network: Recursive, path: Path) -> None:
-    """ONNX: `samples` (1, 50, 6), `past` (1, 6) to `bias`, `scale` (1, 6), float32."""
+def _export(network: nn.Module, inputs: dict[str, Tensor], path: Path) -> None:
+    """ONNX: the inputs, float32, to `bias` (1, 6) and `scale` (1, 6)."""
     network.eval()
+    path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(".partial")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of traced shapes: they are constant
         torch.onnx.export(
-            network.step,
-            (torch.zeros(1, STEP, 6), torch.zeros(1, 6)),
+            network,
+            tuple(inputs.values()),
             partial,
-            input_names=["samples", "past"],
+            input_names=list(inputs),
             output_names=["bias", "scale"],
             opset_version=OPSET,
             dynamo=False,
         )
     partial.replace(path)
+
+
+def _tensor(values: Floats) -> Tensor:
+    return torch.from_numpy(values.astype(np.float32))

@@ -6,15 +6,15 @@ from torch import Tensor, nn
 from ipnet.model import INPUT, SIGMA, BiasNetwork
 from ipnet.presets import NetworkConfig
 
-STEP = 50
-"""Samples between two estimates of the recursive network."""
-RATE_HZ = 50.0
-CONFIG = NetworkConfig(10 * STEP, RATE_HZ, hidden=48, centred=False, refinements=0)
+CONFIG = NetworkConfig(512, 51.2)
 """Windows of 10 s, as both networks see them in training."""
+STEP = 64
+"""Samples between two estimates of the recursive network: 1.25 s."""
+HIDDEN = 48
 
 
 class Recursion(nn.Module):
-    """One step: samples (B, 50, 6) and the past bias (B, 6) to the bias now (B, 6) and its scale (B, 6)."""
+    """One step: samples (B, 64, 6) and the past bias (B, 6) to the bias now (B, 6) and its scale (B, 6)."""
 
     output_scale: Tensor
     input_scale: Tensor
@@ -51,7 +51,7 @@ class Recursive(BiasNetwork):
     def __init__(self, start: Tensor, spread: Tensor) -> None:
         super().__init__()
         self.config = CONFIG
-        self.step = Recursion(CONFIG.hidden)
+        self.step = Recursion(HIDDEN)
         self.register_buffer("start", start)
         self.register_buffer("spread", spread)
 
@@ -60,7 +60,7 @@ class Recursive(BiasNetwork):
         return self.estimates(window)[-1]
 
     def estimates(self, window: Tensor) -> list[tuple[Tensor, Tensor]]:
-        """What it says after each second."""
+        """What it says after each step."""
         past = self.start.expand(len(window), 6)
         if self.training:
             past = past + self.spread * torch.randn_like(past)
@@ -88,10 +88,10 @@ class Corrector(BiasNetwork):
         super().__init__()
         self.config = CONFIG
         self.encoder = nn.Sequential(
-            nn.Conv1d(6, 32, 7, padding=3), nn.PReLU(), nn.Conv1d(32, CONFIG.hidden, 7, padding=3), nn.PReLU()
+            nn.Conv1d(6, 32, 7, padding=3), nn.PReLU(), nn.Conv1d(32, HIDDEN, 7, padding=3), nn.PReLU()
         )
-        self.memory = nn.GRU(CONFIG.hidden, CONFIG.hidden, batch_first=True)
-        self.out = nn.Linear(CONFIG.hidden, 6)
+        self.memory = nn.GRU(HIDDEN, HIDDEN, batch_first=True)
+        self.out = nn.Linear(HIDDEN, 6)
         nn.init.zeros_(self.out.weight)
         nn.init.zeros_(self.out.bias)
         self.log_scale = nn.Parameter(torch.zeros(6))
@@ -131,7 +131,7 @@ def integrate(samples: Tensor, dt: float) -> tuple[Tensor, Tensor, Tensor]:
 
 
 def increment_loss(corrected: Tensor, truth: Tensor, dt: float) -> Tensor:
-    """(B,): distance of what both integrate to, in units of a second's bias error."""
+    """(B,): distance of what both integrate to, in units of a bias error that lasts a step."""
     parts = [x.reshape(-1, STEP, 6) for x in (corrected, truth)]
     (R, v, p), (R_true, v_true, p_true) = (integrate(x, dt) for x in parts)
     turn = R_true.transpose(1, 2) @ R
