@@ -92,7 +92,7 @@ class Filter:
             InputError: they do not follow; the filter is as it was.
         """
         self._buffer.append(samples)
-        self._prior.source.add_imu(samples)
+        self._prior.add_imu(samples)
         return self._answer(final=False)
 
     def add_frame(self, frame: Frame) -> list[Estimate]:

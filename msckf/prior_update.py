@@ -1,5 +1,6 @@
 """The bias prior as a pseudo-measurement (docs/filter.md, section 7)."""
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from msckf.config import PriorConfig, StartConfig
 from msckf.state import FilterState
 from msckf.visual import chi_square_quantile
 from navcore.arrays import Floats
-from navcore.imu import ImuNoise
+from navcore.imu import ImuNoise, ImuSamples
 from navcore.prior import BiasPrior, BiasPriorSource
 
 
@@ -41,6 +42,7 @@ class PriorUpdate:
         self.source = source
         self.config = config
         self._noise = noise
+        self._waiting: deque[ImuSamples] = deque()
         self._last_ns: int | None = None
         self._surprises = 0
         self._before_start: list[BiasPrior] = []
@@ -52,12 +54,16 @@ class PriorUpdate:
         """Whether `c` is estimated."""
         return self.config.mode == "modelled" and bool(np.any(np.diagonal(self.source.constant_covariance) > 0.0))
 
+    def add_imu(self, samples: ImuSamples) -> None:
+        """Take samples, in time order; the source gets them when the filter is there."""
+        self._waiting.append(samples)
+
     def starting_bias(self, config: StartConfig, t_ns: int) -> StartingBias:
         """Device knowledge, joined with the measurements that came before the start by Bayes' rule."""
         sigma = np.repeat([config.gyro_bias_sigma, config.accel_bias_sigma], 3)
         wide = BiasPrior(t_ns, np.zeros(3), np.zeros(3), np.diag(sigma**2))
         device = self.source.device() or wide
-        self._before_start += self._thinned(self.source.poll(t_ns))
+        self._before_start += self._thinned(self._said(t_ns))
         constant = self.source.constant_covariance if self.models_error else np.zeros((6, 6))
         mean = np.concatenate([device.vector, np.zeros(6)])
         P = np.zeros((12, 12))
@@ -91,7 +97,7 @@ class PriorUpdate:
         """Apply what the source has to say by IMU time `t_ns`; returns findings for `Health`."""
         findings: tuple[str, ...] = ()
         self.nis = None
-        for z in self._thinned(self.source.poll(t_ns)):
+        for z in self._thinned(self._said(t_ns)):
             self.applied += 1
             if self.config.mode == "plain":
                 self._plain(state, z)
@@ -105,6 +111,18 @@ class PriorUpdate:
             else:
                 self._surprises = 0
         return findings
+
+    def _said(self, t_ns: int) -> list[BiasPrior]:
+        """What the source says of the samples up to `t_ns`, however far ahead of the frames they came."""
+        while self._waiting:
+            samples = self._waiting.popleft()
+            upto = int(np.searchsorted(samples.t_ns, t_ns, side="right"))
+            if upto:
+                self.source.add_imu(samples[:upto])
+            if upto < len(samples):
+                self._waiting.appendleft(samples[upto:])
+                break
+        return self.source.poll(t_ns)
 
     def _thinned(self, measurements: list[BiasPrior]) -> list[BiasPrior]:
         """In the modelled mode, at most one measurement per window."""

@@ -7,7 +7,7 @@ from msckf.blocks import BIASES
 from msckf.config import PriorConfig, StartConfig
 from msckf.prior_update import PriorUpdate, retrodiction
 from msckf.state import FilterState
-from navcore.imu import ImuNoise
+from navcore.imu import ImuNoise, ImuSamples
 from navcore.prior import BiasPrior
 from navcore.priors.listed import ListedPrior
 from tests.msckf.scenes import start_state
@@ -281,6 +281,39 @@ def test_long_windows_over_biases_that_walk_leave_the_filter_honest(window_s):
         assert prior.applied == seconds // window_s
     assert 0.85 < np.mean(nees) < 1.15
     assert 0.8 < np.mean(nis) < 1.2
+
+
+class Counting(ListedPrior):
+    """Says at every poll how many samples it has; knows nothing of time."""
+
+    def __init__(self):
+        super().__init__()
+        self.samples = 0
+
+    def add_imu(self, samples):
+        self.samples += len(samples)
+
+    def poll(self, t_ns):
+        return [BiasPrior(t_ns, np.full(3, self.samples), np.zeros(3), np.eye(6))]
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 400])
+def test_a_source_is_told_no_more_than_the_filter_has_reached(chunk):
+    """However the samples come, the same is said at the same frame: live, late, or all at once."""
+    t_ns = (np.arange(400) * S) // 200
+    samples = ImuSamples(t_ns, np.zeros((400, 3)), np.zeros((400, 3)))
+    source = Counting()
+    prior = PriorUpdate(source, PriorConfig(), NOISE)
+    for k in range(0, 400, chunk):
+        prior.add_imu(samples[k : k + chunk])
+    state, *_ = plain_state()
+    had = []
+    for frame_ns in (-1, 0, S // 2, S // 2, S, 3 * S):
+        prior.update(state, frame_ns)
+        had.append(source.samples)
+    assert had == [0, 1, 101, 101, 201, 400]
+    prior.starting_bias(StartConfig(), 4 * S)
+    assert source.samples == 400
 
 
 def off_by(state, sigmas, R=E):
