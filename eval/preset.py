@@ -108,18 +108,18 @@ _SMALL = Regime(
     (
         Condition("clean", _RENDERED),
         Condition("low light", replace(_RENDERED, degrade="low_light:4@15-30")),
-        Condition("motion blur", replace(_RENDERED, degrade="motion_blur:4@15-30")),
         Condition("blackout 5 s", replace(_RENDERED, degrade="blackout@20-25")),
     ),
-)
+)  # rendered once
+_BLURRED = Condition("motion blur", replace(_RENDERED, degrade="motion_blur:4@15-30"))  # a rendering of its own
 
 QUICK = Preset(
     "Degradations in brief",
     (
         Block(_SMALL, images=True),
-        Block(outage("outage", 15.0, (0.0, 5.0, 10.0, 20.0), _BRIEF), chance=True),
+        Block(outage("outage", 15.0, (0.0, 10.0, 20.0), _BRIEF), chance=True),
         Block(start_in_motion((100, 25))),
-        Block(graded("wrong vision", _WRONG, (0, 3, 5), _BRIEF)),
+        Block(graded("wrong vision", _WRONG, (0, 5), _BRIEF)),
         Block(outage("outage", 15.0, (10.0,), _BRIEF), _OTHERS),
     ),
     seeds=6,
@@ -131,7 +131,7 @@ QUICK = Preset(
 STANDARD = Preset(
     "Degradations and priors",
     (
-        Block(_SMALL, _ALL, images=True),
+        Block(replace(_SMALL, conditions=(*_SMALL.conditions, _BLURRED)), _ALL, images=True),
         Block(graded("low light", "low_light", (0, 2, 3, 4), _RENDERED), images=True),
         Block(graded("wrong vision", _WRONG, (0, 3, 5), _RENDERED), images=True),
         Block(_EARLY, _ALL, chance=True),
@@ -165,7 +165,7 @@ FULL = Preset(
     seeds=12,
     rendered_seeds=6,
 )
-"""A day: every kind in all severities, on every platform, with images and without."""
+"""Days: every kind in all severities, on every platform, with images and without."""
 
 PRESETS = {"quick": QUICK, "standard": STANDARD, "full": FULL}
 """Presets by name."""

@@ -131,7 +131,8 @@ def test_the_presets_ask_where_a_prior_can_matter():
 def test_quick_is_small_and_has_enough_seeds_for_an_interval():
     assert QUICK.seeds == 6 and QUICK.rendered_seeds == 1
     cells = [b for b in QUICK.blocks if b.images]
-    assert len(cells) == 1 and len(cells[0].regime.conditions) == 4
+    assert len(cells) == 1 and len(cells[0].regime.conditions) == 3
+    assert len({str(Schedule.parse(c.setting.degrade).in_camera) for c in cells[0].regime.conditions}) == 1
 
 
 def test_the_constant_arm_knows_only_other_recordings(tmp_path):
