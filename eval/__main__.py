@@ -18,6 +18,7 @@ from eval.outcome import Outcome, load
 from eval.paired import paired
 from eval.preset import PRESETS
 from eval.tables import failure_table, overview_table, score_table
+from eval.work import check_priors
 from navcore.errors import NavcoreError
 from sim.errors import SimError
 
@@ -71,7 +72,9 @@ def study(
     chosen = replace(chosen, seeds=chosen.seeds if seeds is None else seeds)
     chosen = replace(chosen, rendered_seeds=chosen.rendered_seeds if rendered_seeds is None else rendered_seeds)
     folder = out or Path("results") / preset
-    return _run(chosen.study(folder), folder, scheduler, workers)
+    plan = chosen.study(folder)
+    check_priors(plan.cells, folder)
+    return _run(plan, folder, scheduler, workers)
 
 
 def benchmark(

@@ -18,18 +18,10 @@ class Overheard:
     """A source that is passed on as it is; `statements` are the measurements that it has given."""
 
     def __init__(self, source: BiasPriorSource) -> None:
-        self._source = source
+        self.window_s = source.window_s
+        self.constant_covariance = source.constant_covariance
         self.statements: list[BiasPrior] = []
-
-    @property
-    def window_s(self) -> float:
-        """Length of the window behind one measurement [s]."""
-        return self._source.window_s
-
-    @property
-    def constant_covariance(self) -> Floats:
-        """(6, 6) covariance of the measurements' constant error."""
-        return self._source.constant_covariance
+        self._source = source
 
     def device(self) -> BiasPrior | None:
         """What is known of this device before it moves."""

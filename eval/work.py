@@ -127,6 +127,16 @@ def _nees_if_any(result: Run, sequence: Sequence) -> Nees | None:
     return errors if np.isfinite(errors.values).all() else None
 
 
+def check_priors(cells: ListLike[Cell], workspace: Path) -> None:
+    """Raise if a prior of a study cannot be had, before anything runs; `truth` is a matter of each recording.
+
+    Raises:
+        NavcoreError: as `load_prior` does.
+    """
+    for prior in dict.fromkeys(cell.prior for cell in cells if "truth" not in cell.priors):
+        load_prior(resolved(prior, workspace))
+
+
 def resolved(prior: str, workspace: Path) -> str:
     """The prior's specification with files in the study's folder by their whole paths."""
     return ",".join(_resolved(part, workspace) for part in split_prior(prior))

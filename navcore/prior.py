@@ -88,17 +88,9 @@ class Joined:
     """
 
     def __init__(self, device: BiasPriorSource, motion: BiasPriorSource) -> None:
+        self.window_s = motion.window_s
+        self.constant_covariance = motion.constant_covariance
         self._device, self._motion = device, motion
-
-    @property
-    def window_s(self) -> float:
-        """Length of the window behind one measurement [s]."""
-        return self._motion.window_s
-
-    @property
-    def constant_covariance(self) -> Floats:
-        """(6, 6) covariance of the measurements' constant error."""
-        return self._motion.constant_covariance
 
     def device(self) -> BiasPrior | None:
         """What is known of this device before it moves."""

@@ -14,7 +14,8 @@ from eval.errors import StudyError
 from eval.outcome import load
 from eval.records import Record
 from eval.study import run_study
-from eval.work import load_estimator, resolved, run_cell
+from eval.work import check_priors, load_estimator, resolved, run_cell
+from navcore.errors import NavcoreError
 from tests.eval.fakes import FakeFlight
 
 FAKE = "tests.eval.fakes:make"
@@ -105,6 +106,15 @@ def test_files_of_a_joined_prior_are_looked_for_in_the_studys_folder(tmp_path):
     whole = f"constant:{tmp_path}/device.json,file:{tmp_path}/rows.csv?window=8"
     assert resolved("constant:device.json,file:rows.csv?window=8", tmp_path) == whole
     assert resolved("constant:other.json,truth:1e-3,0.5", tmp_path) == "constant:other.json,truth:1e-3,0.5"
+
+
+def test_a_prior_that_cannot_be_had_is_named_before_anything_runs(tmp_path):
+    (tmp_path / "rows.csv").write_text("1,0,0,0,0,0,0,1,1,1,1,1,1")
+    there = [replace(cell(), prior=prior) for prior in ("none", "truth", "file:rows.csv")]
+    check_priors(there, tmp_path)
+    for prior, says in (("nonsense", "'nonsense' is unknown"), ("file:gone.csv", r"gone\.csv: no such file")):
+        with pytest.raises(NavcoreError, match=says):
+            check_priors([*there, replace(cell(), prior=prior)], tmp_path)
 
 
 def test_what_the_prior_said_is_kept_word_for_word(tmp_path):
