@@ -14,8 +14,8 @@ from scipy.optimize import minimize
 from ipnet.labels.equations import Equations
 from navcore.arrays import Floats, Vectors
 
-HUBER = 2.0
-"""Errors beyond so many standard deviations count less."""
+USUAL = 2.0
+"""An error of more standard deviations counts as one of so many, however large it is."""
 _SHARES = (0.02, 0.2, 0.5, 0.8, 0.98)  # of the variance that may be the IMU's: where the search may begin
 _LIMITS = ((0.0, 12.0), (-4.0, 12.0))  # logarithms of sizes over the floor
 WALK_S = 5.0
@@ -110,7 +110,7 @@ def reweighted(equations: Equations, x: Floats, errors: Errors, walk: float, flo
     solved = cho_solve_banded((_factor(equations, sigma**2, node_sigma**2, errors), True), left)
     of_rows = sigma**2 / errors.weights[:, None] * solved
     of_nodes = node_sigma**2 / errors.node_weights[:, None] * (equations.by_node.T @ solved)
-    return Errors(float(sigma), float(node_sigma), _huber(of_rows, sigma), _huber(of_nodes, node_sigma))
+    return Errors(float(sigma), float(node_sigma), _weights(of_rows, sigma), _weights(of_nodes, node_sigma))
 
 
 def _size(left: Vectors) -> float:
@@ -118,9 +118,9 @@ def _size(left: Vectors) -> float:
     return max(float(np.median(np.linalg.norm(left, axis=1))) / 1.538, 1e-9)  # median of chi, 3 degrees of freedom
 
 
-def _huber(error: Vectors, sigma: float) -> Floats:
+def _weights(error: Vectors, sigma: float) -> Floats:
     size = np.linalg.norm(error, axis=1) / (np.sqrt(3.0) * sigma)
-    return np.asarray(np.minimum(1.0, HUBER / np.maximum(size, 1e-12)))
+    return np.asarray(np.minimum(1.0, (USUAL / np.maximum(size, 1e-12)) ** 2))
 
 
 def _factor(equations: Equations, variance: float, node_variance: float, errors: Errors) -> Floats:

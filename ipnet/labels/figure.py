@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy import stats
 
@@ -75,29 +76,30 @@ def draw(path: Path, labels: Iterable[tuple[Label, Floats]]) -> None:
     true = np.array([t for _, t in pairs]).reshape(-1, 6)
     found = np.array([x.bias for x, _ in pairs]).reshape(-1, 6)
     sigma = np.sqrt([np.diag(x.covariance) for x, _ in pairs]).reshape(-1, 6)
-    figure = Figure(figsize=(13.0, 8.0), layout="constrained")
-    for k, panel in enumerate(figure.subplots(2, 3).ravel()):
-        x, y, s = true[:, k], found[:, k], sigma[:, k]
-        unit, scale = ("mrad/s", 1e3) if k < 3 else ("m/s$^2$", 1.0)
-        x, y, s = scale * x, scale * y, scale * s
-        fit = line(x, y)
-        margin = 0.08 * float(np.ptp(x))
-        at = np.linspace(x.min() - margin, x.max() + margin, 100)
-        middle = fit.intercept + fit.slope * at
-        of_line, of_point = fit.bands(at)
-        panel.fill_between(at, middle - of_point, middle + of_point, color="gold", alpha=0.35, label="95 % prediction")
-        panel.fill_between(at, middle - of_line, middle + of_line, color="grey", alpha=0.5, label="95 % confidence")
-        panel.plot(at, at, color="black", linewidth=0.8, linestyle=":", label="equal")
-        panel.plot(at, middle, color="C0", linewidth=1.0, label="fit")
-        panel.errorbar(x, y, yerr=s, fmt="o", markersize=4, color="C3", elinewidth=0.8, label="labels, ± 1 sd")
-        panel.set_title(
-            f"{_AXES[k]}: slope {fit.slope:.4f}, intercept {fit.intercept:+.2g}, scatter {fit.scatter:.2g} {unit}",
-            fontsize=10,
-        )
-        panel.set_xlabel(f"mean of the true bias [{unit}]")
-        panel.set_ylabel(f"label [{unit}]")
-        if k == 0:
-            panel.legend(fontsize=8, loc="upper left")
+    figure = Figure(figsize=(12.0, 12.0), layout="constrained")
+    panels = figure.subplots(4, 3, height_ratios=(2.0, 1.0, 2.0, 1.0))
+    for k in range(6):
+        row, column = 2 * (k // 3), k % 3
+        scale, unit = (1e3, "mrad/s") if k < 3 else (1.0, "m/s$^2$")
+        _panel(panels[row, column], panels[row + 1, column], scale * true[:, k], scale * found[:, k])
+        for panel, y in ((panels[row, column], found[:, k]), (panels[row + 1, column], (found - true)[:, k])):
+            panel.errorbar(
+                scale * true[:, k],
+                scale * y,
+                yerr=scale * sigma[:, k],
+                fmt="o",
+                markersize=3,
+                color="C3",
+                elinewidth=0.8,
+                label="label ± 1 sd",
+            )
+        fit = line(scale * true[:, k], scale * found[:, k])
+        title = f"{_AXES[k]} [{unit}]: slope {fit.slope:.4f}\nintercept {fit.intercept:+.2g}, scatter {fit.scatter:.2g}"
+        panels[row, column].set_title(title, fontsize=10)
+        panels[row + 1, column].set_xlabel(f"mean of the true bias [{unit}]")
+    for row, name in enumerate(("label", "label less true mean") * 2):
+        panels[row, 0].set_ylabel(name)
+    panels[0, 0].legend(fontsize=8, loc="upper left")
     figure.suptitle(f"Labels of {len(pairs)} recordings against their true biases")
     partial = path.with_name(path.name + ".partial")
     try:
@@ -106,3 +108,17 @@ def draw(path: Path, labels: Iterable[tuple[Label, Floats]]) -> None:
         partial.replace(path)
     except OSError as error:
         raise LabelError(f"{path}: cannot be written: {error}") from error
+
+
+def _panel(above: Axes, below: Axes, x: Floats, y: Floats) -> None:
+    """The line through labels y at true means x, with its bands, and the same less the true means."""
+    fit = line(x, y)
+    margin = 0.08 * float(np.ptp(x))
+    at = np.linspace(x.min() - margin, x.max() + margin, 100)
+    of_line, of_point = fit.bands(at)
+    for panel, equal in ((above, at), (below, np.zeros_like(at))):
+        middle = fit.intercept + fit.slope * at - (at - equal)
+        panel.fill_between(at, middle - of_point, middle + of_point, color="gold", alpha=0.35, label="95 % prediction")
+        panel.fill_between(at, middle - of_line, middle + of_line, color="grey", alpha=0.5, label="95 % confidence")
+        panel.plot(at, equal, color="black", linewidth=0.8, linestyle=":", label="equal")
+        panel.plot(at, middle, color="C0", linewidth=1.0, label="fit")

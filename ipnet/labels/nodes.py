@@ -42,7 +42,7 @@ class Nodes:
     def left_out(self) -> int:
         """Segments that a truth and an IMU without gaps would have had beyond those that are there."""
         length = float(np.median(np.diff(self.t_ns)[self.joined]))
-        return max(0, round((self.span_ns[1] - self.span_ns[0]) / length) - int(self.joined.sum()))
+        return max(0, int((self.span_ns[1] - self.span_ns[0]) / length + 1e-3) - int(self.joined.sum()))
 
 
 def choose_nodes(samples: ImuSamples, truth: Trajectory, segment_s: float) -> Nodes:

@@ -18,7 +18,7 @@ from navcore.arrays import Floats, Vectors
 from navcore.imu import GRAVITY, ImuNoise, ImuSamples
 
 _RELINEARISED = 4  # at most; a gyro bias of .1 rad/s needs three
-_REWEIGHTED = 30
+_REWEIGHTED = 12
 _UPRIGHTED = 2  # a tilt of 2.5 degrees takes .01 m/s^2 off the vertical, known from the first solution to 1e-5
 _SETTLED = 2e-6  # rad/s, m/s^2
 _LINEAR = 1e-4  # rad/s: steps below are linear to 1e-8
@@ -123,7 +123,7 @@ def gauss_newton(problem: Problem) -> tuple[Block, Block]:
 def adam(problem: Problem) -> tuple[Block, Block]:
     """The paper's: Adam at 1e-3 for the gyro, then at 1e-2 for the accelerometer, 15 000 steps each.
 
-    It descends the same robust loss as `gauss_newton`, whose weights it brings up to date on its way.
+    It descends the loss that `gauss_newton` solves, and brings its weights up to date on its way.
     """
     b_g, errors = np.zeros(3), None
     walk, floor = problem.noise.gyroscope_random_walk, problem.gyro_floor
