@@ -101,17 +101,21 @@ class Run:
         return fusion.at(self.span.end_ns)
 
 
-def cut(recordings: Iterable[Recording], seconds: float | None = None) -> list[Span]:
+def cut(recordings: Iterable[Recording], seconds: float | None = None, skip: float = 0.0) -> list[Span]:
     """The spans of recordings: each as a whole, or in parts of equal length; what is left at an end is dropped.
 
+    Args:
+        seconds: length of a part.
+        skip: seconds at each recording's beginning that are left out.
+
     Raises:
-        ConfigError: a length that is not positive, or longer than every recording.
+        ConfigError: a length that is not positive, a negative `skip`, or no recording that is long enough.
     """
-    if seconds is not None and not seconds > 0.0:
-        raise ConfigError(f"length of a span is {seconds} s, expected a positive number")
-    spans = [span for recording in recordings for span in _spans(recording, seconds)]
+    if (seconds is not None and not seconds > 0.0) or not skip >= 0.0:
+        raise ConfigError(f"spans of {seconds} s after {skip} s; expected a positive length, and 0 or more to skip")
+    spans = [span for recording in recordings for span in _spans(recording, seconds, skip)]
     if not spans:
-        raise ConfigError(f"no recording is {seconds} s long")
+        raise ConfigError(f"no recording is {skip} + {seconds or 0.0} s long")
     return spans
 
 
@@ -133,9 +137,11 @@ def listen(source: BiasPriorSource, span: Span) -> Run:
     return Run(span, tuple(measurements), source.device(), source.window_s, source.constant_covariance)
 
 
-def _spans(recording: Recording, seconds: float | None) -> Iterator[Span]:
+def _spans(recording: Recording, seconds: float | None, skip: float) -> Iterator[Span]:
     imu = recording.imu
-    first, last = int(imu.t_ns[0]), int(imu.t_ns[-1])
+    first, last = int(imu.t_ns[0]) + round(skip * 1e9), int(imu.t_ns[-1])
+    if first >= last:
+        return
     length = last + 1 - first if seconds is None else round(seconds * 1e9)
     # A recording of exactly n spans ends one sample early.
     slack = 2 * int(np.median(np.diff(imu.t_ns)))

@@ -120,6 +120,8 @@ def score(spans: ListLike[Span], config: ScoreConfig, progress: Progress | None 
     Raises:
         ConfigError: a source or a frame is unknown, or the device's source knows no device.
     """
+    for spec in config.priors:
+        load_prior(spec, spans[0].sequence)  # what is wrong with a spec is said before the work begins
     axes = axes_of(config.frame, spans)
     recordings = tuple(dict.fromkeys(s.recording for s in spans))
     start = nothing_known(0, config.spread)

@@ -28,6 +28,7 @@ class Score:
     labels: Path | None = None  # for recordings whose truth has no biases: what `label` wrote
     device: str = ""  # joined in, as constant:FILE.json
     seconds: float | None = None  # cut recordings into runs of this length
+    skip: float = 0.0  # seconds at each recording's beginning that are left out
     frame: str = "imu"  # axes of the errors: imu, thrust (mean specific force), or its direction x,y,z
     offset: tuple[float, float] = OFFSET  # injected offsets [rad/s, m/s^2]; 0 0 for none
     spread: tuple[float, float] = SPREAD  # sd of biases of which nothing is known [rad/s, m/s^2]
@@ -37,7 +38,7 @@ class Score:
         """Score, with a progress bar; tables go to the terminal."""
         if self.out is not None and self.out.suffix not in (".json", ".md"):
             raise ConfigError(f"--out is {self.out}, expected a name that ends in .json or .md")
-        spans = cut(open_recordings(self.paths, self.labels), self.seconds)
+        spans = cut(open_recordings(self.paths, self.labels), self.seconds, self.skip)
         config = ScoreConfig(self.prior, self.device, frame=self.frame, offset=self.offset, spread=self.spread)
         with Progress(console=console) as bar:
             task = bar.add_task("scoring", total=None)

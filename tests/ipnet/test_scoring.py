@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ipnet import runs
+from ipnet import runs, scoring
 from ipnet.axes import axes_of
 from ipnet.errors import ConfigError
 from ipnet.offsets import offsets_of, slope
@@ -66,13 +66,14 @@ class Source:
 def known_sources(monkeypatch):
     """`known:GAIN,STATED`."""
 
-    def load(spec, sequence):
+    def load(spec, sequence=None):
         name, _, argument = spec.partition(":")
         if name != "known":
             return load_prior(spec, sequence)
         return Source(sequence, *(float(x) for x in argument.split(",")))
 
-    monkeypatch.setattr(runs, "load_prior", load)
+    for module in (runs, scoring):
+        monkeypatch.setattr(module, "load_prior", load)
 
 
 def test_an_honest_source_is_found_honest(known_sources):
@@ -143,8 +144,11 @@ def test_a_span_is_a_run_of_its_own():
     spans = cut([long], 60.0)
     assert [(s.begin_ns, len(s.sequence.imu)) for s in spans] == [(1_000_000_000, 1200), (61_000_000_000, 1200)]
     assert len(cut([recording(seconds=60.0)], 60.0)) == 1
-    with pytest.raises(ConfigError, match="no recording is 200"):
-        cut([long], 200.0)
+    assert [s.begin_ns for s in cut([long], 60.0, skip=20.0)] == [21_000_000_000]
+    assert len(cut([long], skip=100.0)[0].sequence.imu) == 600
+    for seconds, skip in ((200.0, 0.0), (None, 131.0)):
+        with pytest.raises(ConfigError, match="no recording is"):
+            cut([long], seconds, skip)
 
 
 def test_a_source_sees_nothing_early(monkeypatch):
