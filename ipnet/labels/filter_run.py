@@ -32,10 +32,12 @@ def good_path(folder: Path) -> Trajectory:
     """
     path = read_run(folder).trajectory
     t_ns, tracking, tracked = _frames(folder / FRAMES)
-    begun = t_ns[tracking][:1] + round(START_UP_S * 1e9)
-    poor = t_ns[~tracking & (t_ns > t_ns[tracking][:1].sum())] if tracking.any() else t_ns
-    since = np.concatenate([[-(2**62)], poor])[np.searchsorted(poor, t_ns, side="right")]
-    good = tracking & (tracked >= FEWEST_FEATURES) & (t_ns >= begun.sum()) & (t_ns - since >= AFTER_LOSS_S * 1e9)
+    good = tracking & (tracked >= FEWEST_FEATURES)
+    if tracking.any():
+        first = t_ns[tracking][0]
+        poor = t_ns[~tracking & (t_ns > first)]
+        before = np.concatenate([[-(2**62)], poor])[np.searchsorted(poor, t_ns, side="right")]
+        good &= (t_ns - first >= START_UP_S * 1e9) & (t_ns - before >= AFTER_LOSS_S * 1e9)
     kept = path[np.isin(path.t_ns, t_ns[good])]
     if len(kept) == 0:
         raise LabelError(
