@@ -9,8 +9,9 @@ from pathlib import Path
 from time import sleep
 from typing import Any
 
-from eval.cells import Cost, code_digest, described
+from eval.cells import Cost, described
 from eval.errors import StudyError
+from eval.versions import code_digest
 from navcore.readers import open_sequence
 from navcore.sequence import Sequence
 from sim.degrade import Schedule

@@ -15,12 +15,13 @@ from uuid import uuid4
 from distributed import Client, LocalCluster, as_completed, get_worker
 from distributed.client import Future
 
-from eval.cells import Cell, Source, Study, versions
+from eval.cells import Cell, Source, Study
 from eval.errors import StudyError
 from eval.flights import IMAGE_BYTES, RenderedFlight
 from eval.outcome import Index, Outcome, load
 from eval.progress import Ledger, Progress
 from eval.sources import to_render
+from eval.versions import versions
 from eval.work import run_cells
 from eval.workplace import Workplace
 

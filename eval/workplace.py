@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from eval.cells import versions
 from eval.errors import StudyError
+from eval.versions import versions
 
 
 @dataclass(frozen=True)
@@ -13,7 +13,7 @@ class Workplace:
     """Where and with what a study is made.
 
     Attributes:
-        versions: as `eval.cells.versions` gives them.
+        versions: as `eval.versions.versions` gives them.
         estimators, priors: for which it gave them.
         folder: of the study; the same for all workers.
     """

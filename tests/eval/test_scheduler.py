@@ -102,7 +102,7 @@ def test_workers_that_cannot_do_it_are_named_before_anything_runs(tmp_path, monk
         pytest.raises(StudyError, match=r"worker .* has 2 threads; expected 1"),
     ):
         run_study(Study("wide", (cell(),)), tmp_path, scheduler=wide.scheduler_address)
-    monkeypatch.setattr(workplace, "_versions_here", lambda estimators: {"numpy": "0.1"})
+    monkeypatch.setattr(workplace, "_versions_here", lambda estimators, priors: {"numpy": "0.1"})
     with (
         LocalCluster(**options, threads_per_worker=1) as old,
         pytest.raises(StudyError, match=r"worker .* runs other versions than the study: .*numpy 0\.1 instead of"),

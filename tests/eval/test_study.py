@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from eval import records
-from eval.cells import Cell, Study, versions
+from eval.cells import Cell, Study
 from eval.errors import StudyError
 from eval.outcome import load
 from eval.records import Record
 from eval.study import run_study
+from eval.versions import versions
 from eval.work import check_priors, load_estimator, resolved, run_cell
 from navcore.errors import NavcoreError
 from tests.eval.fakes import FakeFlight
