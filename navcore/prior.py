@@ -59,7 +59,8 @@ class BiasPriorSource(Protocol):
     """Where priors come from. Causal: `poll` may use only the samples that were added."""
 
     window_s: float
-    """Length of the IMU window behind one measurement [s]; measurements closer than this share noise."""
+    """Length of the IMU window behind one measurement [s]; measurements closer than this share noise, and an estimator
+    takes only one of them. Less, if each covariance is stated so large that all may be taken: times the overlap."""
 
     constant_covariance: Floats
     """(6, 6) covariance of `c`, the error that is constant over a run; zero if the source has none."""
