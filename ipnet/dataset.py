@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Container, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -104,14 +104,17 @@ def _track(folder: Path, labels: Path | None, cache: Path) -> Track:
 
 
 def _velocity(recording: Recording) -> Floats:
-    """(N, 3) in B at the IMU's stamps; nan where truth has none."""
+    """(N, 3) in B at the IMU's stamps, from differences of positions where truth has none; nan outside it."""
     truth, t_ns = recording.truth, recording.imu.t_ns
     v_B = np.full((len(t_ns), 3), np.nan)
-    if truth is not None and truth.v_WB is not None:
-        inside = (t_ns >= truth.t_ns[0]) & (t_ns <= truth.t_ns[-1])
-        there = truth.at(t_ns[inside])
-        assert there.v_WB is not None
-        v_B[inside] = np.einsum("nji,nj->ni", so3.from_quaternion(there.q_WB), there.v_WB)
+    if truth is None:
+        return v_B
+    if truth.v_WB is None:
+        truth = replace(truth, v_WB=np.gradient(truth.p_WB, truth.seconds, axis=0))  # noisy; blocks are means of it
+    inside = truth.covers(t_ns)
+    there = truth.at(t_ns[inside])
+    assert there.v_WB is not None
+    v_B[inside] = np.einsum("nji,nj->ni", so3.from_quaternion(there.q_WB), there.v_WB)
     return v_B
 
 

@@ -109,8 +109,6 @@ class MotionHead(nn.Module):
         self.n = nn.Parameter(torch.zeros(ROWS))
         self.log_w = nn.Parameter(torch.zeros(ROWS))
         self.rest = nn.Linear(hidden, 2 * ROWS)
-        nn.init.zeros_(self.rest.weight)
-        nn.init.zeros_(self.rest.bias)
 
     def begin(self, found: Relations) -> None:
         """Take over relations that regression has found."""
@@ -118,6 +116,8 @@ class MotionHead(nn.Module):
             for name in ("A", "B", "C", "n"):
                 getattr(self, name).copy_(torch.from_numpy(getattr(found, name)))
             self.log_w.copy_(torch.from_numpy(np.log(found.weight)))
+            self.rest.weight.zero_()
+            self.rest.bias.zero_()
 
     def forward(self, x: Tensor) -> MotionModel:
         """The model of each window."""
@@ -204,11 +204,13 @@ class IPNet(BiasNetwork):
             return found
         model = self.motion(x)
         samples = window.transpose(1, 2).contiguous()
-        first = Belief(bias, 2.0 * sigma**2, None, torch.zeros_like(bias[:, :3]))
+        if not self.training:  # integrals need the digits; learning can do without
+            samples, model = samples.double(), model.double()
+        first = Belief(bias.to(samples), 2.0 * sigma.to(samples) ** 2, None, samples.new_zeros(len(samples), 3))
         now = first
         for reach in self.config.reach:
             now = refine(samples, 1.0 / self.config.rate_hz, first, now, model.within(reach))
-            found.append((now.bias, torch.exp(self.log_scale) * torch.sqrt(0.5 * now.variance)))
+            found.append((now.bias.to(window), torch.exp(self.log_scale) * torch.sqrt(0.5 * now.variance).to(window)))
         return found
 
 

@@ -34,7 +34,7 @@ class NetworkConfig:
     predictions: int = 50
     centred: bool = True
     mount: str = "fixed"
-    reach: tuple[float, ...] = (0.2, 0.5, 0.0)
+    reach: tuple[float, ...] = (0.15, 0.3, 0.5, 1.0, 0.0)
 
     def __post_init__(self) -> None:
         if self.reach and self.samples % (2 * BLOCK):

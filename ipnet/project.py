@@ -4,13 +4,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import torch
+
 from ipnet.assessment import calibrate
 from ipnet.dataset import Track, open_tracks
 from ipnet.errors import ConfigError
 from ipnet.export import ONNX, SAFETENSORS, export, load, save
+from ipnet.model import IPNet
 from ipnet.presets import TrainingConfig, preset
 from ipnet.splits import split
-from ipnet.training import Devices, new_network, train
+from ipnet.training import Devices, begin, train
 from ipnet.weights import Card, NetworkCard, find, uncalibrated
 
 EVERY_S = {"short": 5.0, "long": 10.0}
@@ -70,13 +74,12 @@ def build(project: Project, out: Path, devices: Devices | None = None, progress:
             continue
         if project.any_mount:
             shape = replace(shape, mount="any")
-        network = new_network(shape, training, config.mount_deg, project.seed)
-        if before is not None and start is not None:
-            if name not in before.networks:
-                raise ConfigError(f"weights {project.start!r} have no network {name}")
-            mount = network.R_NB.clone()
-            network = load(start / f"{name}{SAFETENSORS}", before.networks[name].config)
-            network.R_NB.copy_(mount)
+        if start is None:
+            torch.manual_seed(project.seed)
+            network = IPNet(shape)
+        else:
+            network = load(start / f"{name}{SAFETENSORS}", shape)
+        begin(network, training, config.mount_deg, np.random.default_rng(project.seed))
         train(
             network,
             config,

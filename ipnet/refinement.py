@@ -39,6 +39,10 @@ class MotionModel:
     n: Tensor
     w: Tensor
 
+    def double(self) -> "MotionModel":
+        """In double precision."""
+        return MotionModel(*(part.double() for part in (self.A, self.B, self.C, self.n, self.w)))
+
     def within(self, reach: float) -> "MotionModel":
         """With less weight far from the middle: a Gaussian of that share of half the window; 0 for the same weights."""
         if reach == 0.0:

@@ -167,7 +167,7 @@ def train(
         max_epochs=config.epochs,
         max_time=None if minutes is None else timedelta(minutes=minutes),
         callbacks=callbacks,
-        logger=[CSVLogger(out, name="", version=""), TensorBoardLogger(out, name="", version="")],
+        logger=[CSVLogger(out, name="csv"), TensorBoardLogger(out, name="", version="")],
         gradient_clip_val=None if config.loss == "l1" else 1.0,
         reload_dataloaders_every_n_epochs=1,
         log_every_n_steps=10,
@@ -183,25 +183,23 @@ def train(
     network.eval()
 
 
-def new_network(config: NetworkConfig, training: list[Track], mount_deg: float, seed: int) -> IPNet:
-    """A network to begin with.
+def begin(network: IPNet, training: list[Track], mount_deg: float, rng: np.random.Generator) -> None:
+    """Give a network what needs no training.
 
     Where the mount is fixed, its frame has the mean specific force of the recordings along z. Its motion model is what
-    regression finds in them, and its scales are right for it.
+    regression finds in them, if their velocities are known, and its scales are right for that.
     """
-    torch.manual_seed(seed)
-    network = IPNet(config)
+    config = network.config
     if config.centred and config.mount == "fixed":
         force = np.mean([t.imu.accel.mean(axis=0) - t.bias[:, 3:].mean(axis=0) for t in training], axis=0)
         network.R_NB.copy_(upright(torch.from_numpy(force[None].astype(np.float32)))[0])
-    if network.motion is not None:
-        rng = np.random.default_rng(seed)
-        drawn = random_windows(training, config, 1 + WINDOWS // len(training), mount_deg, rng)
-        found = relations(replace(drawn, places=[_in_network_frame(network, drawn, k) for k in range(len(drawn))]))
-        if found is not None:
-            network.motion.begin(found)
-        _begin_scales(network, drawn)
-    return network
+    if network.motion is None:
+        return
+    drawn = random_windows(training, config, 1 + WINDOWS // len(training), mount_deg, rng)
+    found = relations(replace(drawn, places=[_in_network_frame(network, drawn, k) for k in range(len(drawn))]))
+    if found is not None:
+        network.motion.begin(found)
+    _begin_scales(network, drawn)
 
 
 def _in_network_frame(network: IPNet, windows: Windows, k: int) -> tuple[int, int, Rotations]:
@@ -215,6 +213,7 @@ def _in_network_frame(network: IPNet, windows: Windows, k: int) -> tuple[int, in
 def _begin_scales(network: IPNet, windows: Windows) -> None:
     """Set how wrong refined estimates are to what the windows show."""
     rows = [windows[k] for k in range(len(windows))]
+    network.eval()
     label = torch.stack([b for _, b in rows])
     with torch.no_grad():
         bias, scale = network(torch.stack([w for w, _ in rows]))
