@@ -17,7 +17,7 @@ from torch.utils.data import DataLoader
 
 from ipnet.dataset import Track, Windows, random_windows, regular_windows
 from ipnet.model import BiasNetwork, IPNet, upright
-from ipnet.presets import NetworkConfig, TrainingConfig
+from ipnet.presets import TrainingConfig
 from ipnet.regression import relations
 from navcore.arrays import Rotations
 

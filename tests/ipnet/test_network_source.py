@@ -12,9 +12,9 @@ import torch
 from ipnet.calibration import ErrorModel
 from ipnet.errors import ConfigError
 from ipnet.export import ONNX, SAFETENSORS, export, export_folder, load, save
+from ipnet.model import IPNet
 from ipnet.network_source import Network, NetworkPrior, make
 from ipnet.prediction import predict
-from ipnet.model import IPNet
 from ipnet.training import begin
 from ipnet.weights import Card, NetworkCard, names
 from ipnet.windows import WindowStream
