@@ -11,7 +11,9 @@ from ipnet.splits import SPLITS, Split, leaks, split
 
 ROOT = Path(ipnet.__file__).parent
 SHIPPED = sorted(
-    [*ROOT.glob("weights/*/card.json"), *ROOT.glob("motion/models/*.json"), *ROOT.glob("rivals/calibrations/*.json")]
+    path
+    for pattern in ("**/weights/**/card.json", "motion/models/*.json", "rivals/calibrations/*.json", "joins/*.json")
+    for path in ROOT.glob(pattern)
 )
 
 
