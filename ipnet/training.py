@@ -156,6 +156,7 @@ def train(
     """
     devices = devices or Devices()
     torch.set_num_threads(1)
+    network.train()
     learner = module(network, config, training, validation, seed)
     best = ModelCheckpoint(out, "best", monitor="val_loss", save_last=True, enable_version_counter=False)
     callbacks: list[Callback] = [best, EarlyStopping("val_loss", patience=config.patience)]
