@@ -11,7 +11,7 @@ from rich.progress import track
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
-from ipnet.errors import LabelError
+from ipnet.errors import IpnetError, LabelError
 from ipnet.labels import LabelConfig, SolvedLabel, good_path, label, read_rows, row, write_rows
 from ipnet.recordings import find, read_labels, true_bias
 from navcore.arrays import Floats
@@ -35,6 +35,8 @@ class Label:
 
     def run(self, console: Console) -> None:
         """Label them all; one that cannot be labelled is named and does not lose the others."""
+        if not self.paths:
+            raise LabelError("no PATH; expected recordings, or folders that hold some")
         if self.out is None and self.figure is None:
             raise LabelError("nothing to write: --out FILE.json, --figure FILE.png, or both are needed")
         rows = {r["sequence"]: r for r in read_rows(self.out)} if self.out is not None else {}
@@ -53,7 +55,7 @@ class Label:
                     other = known.get(sequence.name)
                     found.append((solved, true_bias(sequence.truth) if other is None else other.bias, seconds))
                     rows[sequence.name] = row(solved, sequence, self.source, _kind(sequence, path))
-                except (LabelError, NavcoreError) as error:
+                except (IpnetError, NavcoreError) as error:
                     failed.append(str(error) if str(folder) in str(error) else f"{folder}: {error}")
         if found:
             console.print(_table(found))

@@ -21,6 +21,10 @@ from navcore.imu import GRAVITY
 OFFSET_UNIT_S = 0.01
 """The time offset is solved for in this unit, so that all unknowns are of one size."""
 
+OFFSET_SIGMA, LEVEL_SIGMA = 10.0, 0.86
+"""What may be expected: .1 s, in the unit above; and x, y of gravity [m/s^2], five degrees. A body that never turns
+cannot tell gravity from a bias; it is then said to be no surer than this."""
+
 
 @dataclass(frozen=True)
 class Equations:
@@ -34,6 +38,7 @@ class Equations:
         by_node: (N, nodes) how an error of the truth at a node enters.
         overlap: (N - 1,) correlation of the IMU's error with that of the next moment.
         by_gyro: (N, 3, 3) by the gyro bias, where that was solved for before.
+        prior: (U,) what is known of each unknown beforehand, 1 over its variance about zero.
         bands: by how much each node's variance enters a moment's, and its covariance with the next and the one after.
     """
 
@@ -44,6 +49,7 @@ class Equations:
     by_node: sparse.csr_array
     overlap: Floats
     by_gyro: Floats | None = None
+    prior: Floats = field(default_factory=lambda: np.zeros(3))
     bands: tuple[sparse.csr_array, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -90,7 +96,10 @@ def accel_equations(nodes: Nodes, increments: Increments, tilt: bool, down: floa
     rows, before, after = np.arange(len(i)), 1.0 / (T[i - 1] * d)[:, 0], 1.0 / (T[i] * d)[:, 0]
     by_node = _matrix([(rows, i - 1, before), (rows, i, -before - after), (rows, i + 1, after)], (len(i), len(p)))
     overlap = np.where(np.diff(i) == 1, 0.25, 0.0)  # of two triangles that share a segment
-    return Equations(np.concatenate(columns, axis=2), r, *_when(nodes, nodes.t_ns[i]), by_node, overlap, J[:, :, 0:3])
+    A = np.concatenate(columns, axis=2)
+    sigmas = np.array([OFFSET_SIGMA, LEVEL_SIGMA, LEVEL_SIGMA])[: A.shape[2] - 3]
+    prior = np.concatenate([np.zeros(3), sigmas**-2.0])
+    return Equations(A, r, *_when(nodes, nodes.t_ns[i]), by_node, overlap, J[:, :, 0:3], prior)
 
 
 def turn_columns(nodes: Nodes, increments: Increments) -> Floats:

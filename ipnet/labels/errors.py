@@ -79,7 +79,7 @@ def normal(equations: Equations, errors: Errors, walk: float) -> Normal:
     inside = gram[u : u + k, u : u + k] + np.eye(k)  # the walk's coefficients have unit variance
     reduced = gram - gram[:, u : u + k] @ np.linalg.solve(inside, gram[u : u + k])
     H_gyro = reduced[:u, u + k + 1 :] if equations.by_gyro is not None else None
-    return Normal(reduced[:u, :u], reduced[:u, u + k], H_gyro)
+    return Normal(reduced[:u, :u] + np.diag(equations.prior), reduced[:u, u + k], H_gyro)
 
 
 def reweighted(equations: Equations, x: Floats, errors: Errors, walk: float, floor: float) -> Errors:

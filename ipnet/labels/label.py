@@ -126,10 +126,10 @@ def _turn(problem: Problem, gyro: Block) -> float:
     """Turn of the truth's body against the IMU [rad, rms about an axis], beyond what the gyro's noise explains."""
     equations = gyro_equations(problem.nodes, gyro.increments)
     columns = turn_columns(problem.nodes, gyro.increments)
-    wider = replace(equations, A=np.concatenate([equations.A, columns], axis=2))
+    prior = np.repeat([0.0, _TURN_SIGMA**-2], 3)
+    wider = replace(equations, A=np.concatenate([equations.A, columns], axis=2), prior=prior)
     told = err.normal(wider, gyro.errors, problem.noise.gyroscope_random_walk)
-    H = told.H + np.diag(np.repeat([0.0, _TURN_SIGMA**-2], 3))
-    turn, covariance = np.linalg.solve(H, told.h)[3:], np.linalg.inv(H)[3:, 3:]
+    turn, covariance = np.linalg.solve(told.H, told.h)[3:], np.linalg.inv(told.H)[3:, 3:]
     return float(np.sqrt(max(0.0, turn @ turn - np.trace(covariance)) / 3.0))
 
 

@@ -51,6 +51,8 @@ def test_labels_of_other_recordings_stay(flights, tmp_path):
 
 
 def test_what_cannot_be_done_is_said(flights, tmp_path):
+    with pytest.raises(LabelError, match="no PATH"):
+        Label((), tmp_path / "x.json").run(console())
     with pytest.raises(LabelError, match="--out FILE"):
         Label((flights,)).run(console())
     with pytest.raises(LabelError, match="holds no recording"):

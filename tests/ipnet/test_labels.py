@@ -92,6 +92,18 @@ def test_a_body_that_is_turned_against_the_imu_makes_the_label_less_sure():
     assert np.all(np.abs(error) < 3.0 * np.sqrt(np.diag(found.label.covariance)[3:]))
 
 
+def test_a_body_that_never_turns_is_not_sure_of_its_level():
+    t_ns = np.arange(4000) * 5_000_000
+    still = ImuSamples(t_ns, np.tile(BIAS[:3], (4000, 1)), np.tile(np.add(BIAS[3:], [0.0, 0.0, 9.81]), (4000, 1)))
+    at = t_ns[:-4:4] + 10_000_000
+    path = Trajectory(at, np.tile([0.0, 0.0, 0.0, 1.0], (len(at), 1)), np.zeros((len(at), 3)))
+    found = label(recording(imu=still, path=path)).label
+    np.testing.assert_allclose(found.bias[[0, 1, 2, 5]], BIAS[[0, 1, 2, 5]], atol=1e-3)
+    sigma = np.sqrt(np.diag(found.covariance))
+    assert np.all(sigma[3:5] > 0.5) and sigma[5] < 0.01
+    assert np.all(np.abs(found.bias - BIAS)[3:5] < sigma[3:5])
+
+
 def test_wrong_poses_count_less():
     path = truth(40.0)
     p = np.array(path.p_WB)
