@@ -93,7 +93,8 @@ def build(project: Project, out: Path, devices: Devices | None = None, progress:
         )
         save(network, out / f"{name}{SAFETENSORS}")
         export(network, out / f"{name}{ONNX}")
-        cards[name] = NetworkCard(network.config, EVERY_S[name], uncalibrated())
+        every_s = min(EVERY_S[name], shape.samples / shape.rate_hz)
+        cards[name] = NetworkCard(shape, every_s, uncalibrated())
     known = (before.training, before.validation) if before is not None else ((), ())
     card = Card(
         cards,
