@@ -11,6 +11,7 @@ from ipnet.commands.device import Device
 from ipnet.commands.export import Export
 from ipnet.commands.join import Join
 from ipnet.commands.label import Label
+from ipnet.commands.learn import Learn
 from ipnet.commands.predict import Predict
 from ipnet.commands.rivals import Corrector, Recursive, WindowMean
 from ipnet.commands.score import Score
@@ -31,6 +32,7 @@ COMMANDS: dict[str, Callable[..., Command]] = {
     "label": Label,
     "device": Device,
     "train": Train,
+    "learn": Learn,
     "export": Export,
     "predict": Predict,
     "score": Score,

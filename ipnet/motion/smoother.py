@@ -1,0 +1,166 @@
+"""Biases, gravity, velocity and place over a window, under which raw IMU data obey a motion model (Gauss-Newton)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ipnet.motion.chain import Chain
+from ipnet.motion.intervals import BIAS, FEATURES, GRAV, NODE, RATE, SPEED, Intervals
+from ipnet.motion.model import EFFECTS, ROWS, MotionModel
+from navcore.arrays import Floats, Stamps
+from navcore.imu import GRAVITY, ImuNoise, ImuSamples
+
+_ITERATIONS = 15
+_PLAIN = 2  # iterations before tails are thought of
+_DONE = 0.03  # of a sigma: biases that move less are found
+_NORM_SIGMA = 0.01  # m/s^2, of |g_B|
+_STILL_SIGMAS = np.repeat([0.005, 5e-4], 3)  # m/s, rad/s, of a body at rest
+_FAINT = 1e-6  # information that keeps what nothing is known of within reach
+
+
+@dataclass(frozen=True)
+class Inferred:
+    """What a window tells.
+
+    Attributes:
+        mean: (6,) b_g, b_a at the window's middle.
+        covariance: (6, 6).
+        nodes: (N + 1, 15) g_B, v_B, p_B, b_g, b_a along the window.
+        iterations: how many it took.
+        cost: mean squared whitened innovation of the motion: about 1 where it is as it was learned.
+        share: of the intervals that are the platform's own motion, or rest: of the others nothing is known.
+    """
+
+    mean: Floats
+    covariance: Floats
+    nodes: Floats
+    iterations: int
+    cost: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Smoother:
+    """A motion model put to use.
+
+    Attributes:
+        model: how the platform moves.
+        noise: of the IMU.
+        sigma: (6,) rad/s, m/s^2: biases beforehand, as sd about zero.
+    """
+
+    model: MotionModel
+    noise: ImuNoise
+    sigma: Floats
+
+    def infer(self, samples: ImuSamples, edges_ns: Stamps, start: Floats | None = None) -> Inferred:
+        """Biases in a window cut into intervals of the model's length.
+
+        Args:
+            samples: cover the edges.
+            edges_ns: (N + 1,) N two or more.
+            start: (6,) biases to begin with.
+        """
+        n = len(edges_ns) - 1
+        middle = n // 2
+        bias = np.tile(np.zeros(6) if start is None else start, (n + 1, 1))
+        base = Intervals.of(samples, edges_ns, bias[:-1, :3], bias[:-1, 3:], self.noise)
+        nodes, effects = _first_guess(base, bias), np.zeros(EFFECTS)
+        for done in range(1, _ITERATIONS + 1):
+            if base.far(nodes[:-1, BIAS]):
+                base = Intervals.of(samples, edges_ns, nodes[:-1, 9:12], nodes[:-1, 12:15], self.noise)
+            cells = base.at(nodes[:-1, BIAS])
+            chain, cost = self._equations(cells, nodes, effects, robust=done > _PLAIN)
+            step, border, covariance = chain.solve(middle)
+            nodes, effects = nodes + step, effects + border
+            moved = np.abs(step[middle, BIAS]) / np.sqrt(np.diag(covariance)[BIAS])
+            if done > _PLAIN + 1 and moved.max() < _DONE:
+                break
+        known = base.still[1:] & base.still[:-1] | self.model.applies(base)
+        return Inferred(nodes[middle, BIAS], covariance[BIAS, BIAS], nodes, done, cost, float(known.mean()))
+
+    def _equations(self, cells: Intervals, nodes: Floats, effects: Floats, robust: bool) -> tuple[Chain, float]:
+        chain = Chain.empty(len(nodes), NODE, EFFECTS)
+        self._add_kinematics(chain, cells, nodes)
+        cost = self._add_motion(chain, cells, nodes, effects, robust)
+        self._add_rest(chain, cells, nodes)
+        self._add_beforehand(chain, cells, nodes, effects)
+        return chain, cost
+
+    def _add_kinematics(self, chain: Chain, cells: Intervals, nodes: Floats) -> None:
+        """Each node follows from the one before, up to the IMU's noise."""
+        expected, J = cells.following(nodes[:-1])
+        walk = np.repeat([self.noise.gyroscope_random_walk, self.noise.accelerometer_random_walk], 3) + 1e-7
+        information = np.linalg.inv(cells.noise(expected, walk))
+        r = nodes[1:] - expected
+        JT_I = np.swapaxes(J, 1, 2) @ information
+        chain.D[1:] += information
+        chain.D[:-1] += JT_I @ J
+        chain.E -= JT_I
+        chain.h[1:] -= _apply(information, r)
+        chain.h[:-1] += _apply(JT_I, r)
+
+    def _add_motion(self, chain: Chain, cells: Intervals, nodes: Floats, effects: Floats, robust: bool) -> float:
+        """The platform moves as it was learned; where it does not, that counts less (Student's t)."""
+        model = self.model
+        u, L = cells.features(nodes[:-1]), cells.feature_jacobian()
+        w = model.innovations(u, cells.turns, effects)
+        by_next, by_last, K = model.jacobians(u, effects)
+        P, N = by_next @ L[1:], by_last @ L[:-1]
+        information = np.linalg.inv(model.Q)
+        distance = np.sum((w @ information) * w, axis=1)
+        weight = (model.dof + ROWS) / (model.dof + distance) if robust else np.ones(len(w))
+        moving = model.applies(cells)
+        W = np.where(moving, weight, 0.0)[:, None, None] * information
+        PT, NT, KT = (np.swapaxes(X, 1, 2) @ W for X in (P, N, K))
+        chain.D[1:-1] += PT @ P
+        chain.D[:-2] += NT @ N
+        chain.E[:-1] += NT @ P
+        chain.F[1:-1] += PT @ K
+        chain.F[:-2] += NT @ K
+        chain.G += (KT @ K).sum(axis=0)
+        chain.h[1:-1] -= _apply(PT, w)
+        chain.h[:-2] -= _apply(NT, w)
+        chain.k -= _apply(KT, w).sum(axis=0)
+        return float(np.mean(distance[moving])) / ROWS if moving.any() else 0.0
+
+    def _add_rest(self, chain: Chain, cells: Intervals, nodes: Floats) -> None:
+        """At rest there is neither velocity nor rate."""
+        rest = np.flatnonzero(cells.still)
+        rows = np.r_[SPEED, RATE]
+        L = cells.feature_jacobian()[rest][:, rows]
+        LT: Floats = np.swapaxes(L, 1, 2) / _STILL_SIGMAS**2
+        chain.D[rest] += LT @ L
+        chain.h[rest] -= _apply(LT, cells.features(nodes[:-1])[rest][:, rows])
+
+    def _add_beforehand(self, chain: Chain, cells: Intervals, nodes: Floats, effects: Floats) -> None:
+        """What is known before anything is seen: spread of motion, size of gravity, biases, effects."""
+        model = self.model
+        if model.applies(cells)[0]:
+            L = cells.feature_jacobian()[0]
+            information = np.linalg.inv(model.spread + 1e-9 * np.eye(FEATURES))
+            chain.D[0] += L.T @ information @ L
+            chain.h[0] -= L.T @ information @ (cells.features(nodes[:-1])[0] - model.mean)
+        g_B = nodes[0, GRAV]
+        size = float(np.linalg.norm(g_B))
+        J = np.zeros(NODE)
+        J[GRAV] = g_B / size
+        chain.D[0] += np.outer(J, J) / _NORM_SIGMA**2 + _FAINT * np.eye(NODE)
+        chain.h[0] -= J * (size - GRAVITY) / _NORM_SIGMA**2
+        chain.D[0][BIAS, BIAS] += np.diag(self.sigma**-2.0)
+        chain.h[0, BIAS] -= nodes[0, BIAS] / self.sigma**2
+        scatter = np.linalg.inv(model.effects + 1e-12 * np.eye(EFFECTS))
+        chain.G += scatter
+        chain.k -= scatter @ effects
+
+
+def _first_guess(cells: Intervals, bias: Floats) -> Floats:
+    """(N + 1, 15): gravity opposite to the force, at rest in the middle."""
+    force = np.vstack([cells.force, cells.force[-1:]])
+    g_B = -GRAVITY * force / np.linalg.norm(force, axis=1, keepdims=True)
+    return np.hstack([g_B, np.zeros((len(force), 6)), bias])
+
+
+def _apply(M: Floats, x: Floats) -> Floats:
+    product: Floats = (M @ x[..., None])[..., 0]
+    return product

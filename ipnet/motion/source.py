@@ -1,0 +1,116 @@
+"""`motion:NAME`: biases under which raw IMU data obey a platform's motion model, window by window."""
+
+from itertools import chain
+
+import numpy as np
+
+from ipnet.motion.smoother import Inferred, Smoother
+from ipnet.motion.store import MotionCard, find
+from ipnet.preintegration import bounds
+from ipnet.windows import MAX_GAP_S
+from navcore.arrays import Floats, Stamps
+from navcore.imu import ImuNoise, ImuSamples
+from navcore.prior import BiasPrior, BiasPriorSource
+from navcore.sequence import Sequence
+
+LENGTHS_S = (5.0, 10.0, 20.0, 40.0, 60.0)
+"""A run's first windows, all from its beginning; then windows of the last length,"""
+EVERY_S = 20.0
+"""one after so many seconds."""
+SIGMA = np.repeat([0.3, 1.5], 3)
+"""rad/s, m/s^2: biases before anything is seen; far wider than any device's, so that a statement is a likelihood."""
+_LEAST_KNOWN = 0.8  # share of a window that must be the platform's own motion, or rest
+
+
+class MotionPrior:
+    """The source. After a gap in the samples it begins anew."""
+
+    def __init__(self, card: MotionCard, noise: ImuNoise) -> None:
+        self.card = card
+        self.window_s = 0.5 * LENGTHS_S[0]
+        R6 = card.R6
+        self.constant_covariance: Floats = R6.T @ card.errors.constant @ R6
+        self._smoother = Smoother(card.model, noise, SIGMA)
+        self._step_ns = round(card.model.interval_s * 1e9)
+        self._begin()
+        self._ready: list[BiasPrior] = []
+
+    def _begin(self) -> None:
+        self._parts: list[ImuSamples] = []
+        self._first_ns: int | None = None
+        self._lengths = chain(LENGTHS_S, iter(lambda: LENGTHS_S[-1], None))
+        self._length_ns = round(next(self._lengths) * 1e9)
+        self._end_ns = 0
+        self._last: tuple[int, int] | None = None
+        self._bias: Floats | None = None
+
+    def device(self) -> BiasPrior | None:
+        """Nothing is known of a device."""
+        return None
+
+    def add_imu(self, samples: ImuSamples) -> None:
+        """Take new samples, in time order."""
+        cuts = np.flatnonzero(np.diff(samples.t_ns) > MAX_GAP_S * 1e9) + 1
+        for begin, end in zip([0, *cuts.tolist()], [*cuts.tolist(), len(samples)], strict=True):
+            if end > begin:
+                self._add(samples[begin:end])
+
+    def poll(self, t_ns: int) -> list[BiasPrior]:
+        """The windows that are over, each once; `t_ns` is never before the samples that were added."""
+        ready, self._ready = self._ready, []
+        return ready
+
+    def _add(self, samples: ImuSamples) -> None:
+        if self._parts and samples.t_ns[0] - self._parts[-1].t_ns[-1] > MAX_GAP_S * 1e9:
+            self._begin()
+        self._parts.append(samples)
+        if self._first_ns is None:
+            held = self._held()
+            if len(held) < 2:
+                return
+            self._first_ns = int(bounds(held.t_ns[:2])[0])
+            self._end_ns = self._first_ns + self._length_ns
+        # The end of the last sample depends on the one that follows; 0.1 s is longer than any interval.
+        while self._parts[-1].t_ns[-1] > self._end_ns + round(MAX_GAP_S * 1e9):
+            self._infer(self._held())
+            before = self._length_ns
+            self._length_ns = round(next(self._lengths) * 1e9)
+            self._end_ns += self._length_ns - before or round(EVERY_S * 1e9)
+
+    def _held(self) -> ImuSamples:
+        parts = self._parts
+        if len(parts) > 1:
+            joined = (np.concatenate([getattr(p, name) for p in parts]) for name in ("t_ns", "gyro", "accel"))
+            self._parts = [ImuSamples(*joined)]
+        return self._parts[0] if self._parts else parts[0]
+
+    def _infer(self, held: ImuSamples) -> None:
+        begin_ns = self._end_ns - self._length_ns
+        edges: Stamps = np.arange(begin_ns, self._end_ns + 1, self._step_ns, dtype=np.int64)
+        found = self._smoother.infer(held, edges, self._bias)
+        if found.share >= _LEAST_KNOWN:
+            self._bias = found.mean
+            covariance = self._covariance(found, begin_ns)
+            self._ready.append(BiasPrior(int(edges[len(edges) // 2]), found.mean[:3], found.mean[3:], covariance))
+            self._last = (begin_ns, self._end_ns)
+        keep_ns = self._end_ns + round((EVERY_S - LENGTHS_S[-1] - 1.0) * 1e9)
+        self._parts = [held.between(keep_ns, int(held.t_ns[-1]) + 1)]
+
+    def _covariance(self, found: Inferred, begin_ns: int) -> Floats:
+        """(6, 6) of a statement's own error: the smoother's, as calibrated; what it saw before is not told again."""
+        overlap = 0.0 if self._last is None else max(self._last[1] - begin_ns, 0) / self._length_ns
+        factor = max(found.cost, 1.0) ** 0.5 / (1.0 - min(overlap, 0.9) ** 2)
+        R6, errors = self.card.R6, self.card.errors
+        scaled = errors.scale[:, None] * (R6 @ found.covariance @ R6.T) * errors.scale * factor
+        covariance: Floats = R6.T @ (scaled + np.diag(errors.floor**2)) @ R6
+        return 0.5 * (covariance + covariance.T)
+
+
+def make(argument: str, sequence: Sequence | None) -> BiasPriorSource:
+    """The source with the shipped model of that name, or the file at that path.
+
+    Raises:
+        ConfigError: there is none; the message lists the names.
+    """
+    card = MotionCard.read(find(argument))
+    return MotionPrior(card, card.noise if sequence is None else sequence.calibration.imu)
