@@ -118,7 +118,7 @@ QUICK = Preset(
     (
         Block(_SMALL, images=True),
         Block(outage("outage", 15.0, (0.0, 10.0, 20.0), _BRIEF), chance=True),
-        Block(start_in_motion((100, 25))),
+        Block(start_in_motion((25,))),
         Block(graded("wrong vision", _WRONG, (0, 5), _BRIEF)),
         Block(outage("outage", 15.0, (10.0,), _BRIEF), _OTHERS),
     ),
