@@ -2,6 +2,7 @@
 
 import hashlib
 import re
+import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -136,12 +137,18 @@ def _kept(prior: str, workspace: Path) -> str:
 
 
 def _part_kept(part: str, workspace: Path) -> str:
+    """The same of one source, whose argument may be a file, or the path of a folder of files."""
     name, _, argument = part.partition(":")
-    path = Path(argument.partition("?")[0])
-    if not argument or not path.is_file():
+    given, mark, options = argument.partition("?")
+    path = Path(given)
+    if not (given and path.is_file()) and not ("/" in given and path.is_dir()):
         return part
-    data = path.read_bytes()
-    copy = f"{path.stem}-{hashlib.sha256(data).hexdigest()[:8]}{path.suffix}"
-    workspace.mkdir(parents=True, exist_ok=True)
-    (workspace / copy).write_bytes(data)
-    return f"{name}:{copy}{argument[len(str(path)) :]}"
+    files = [path] if path.is_file() else sorted(p for p in path.iterdir() if p.is_file())
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(file.name.encode() + b"\0" + file.read_bytes())
+    copy = workspace / f"{path.stem}-{digest.hexdigest()[:8]}{path.suffix}"
+    (workspace if path.is_file() else copy).mkdir(parents=True, exist_ok=True)
+    for file in files:
+        shutil.copyfile(file, copy if path.is_file() else copy / file.name)
+    return f"{name}:{copy.name}{mark}{options}"

@@ -138,11 +138,11 @@ def check_priors(cells: ListLike[Cell], workspace: Path) -> None:
 
 
 def resolved(prior: str, workspace: Path) -> str:
-    """The prior's specification with files in the study's folder by their whole paths."""
+    """The prior's specification with files and folders in the study's folder by their whole paths."""
     return ",".join(_resolved(part, workspace) for part in split_prior(prior))
 
 
 def _resolved(part: str, workspace: Path) -> str:
     name, _, argument = part.partition(":")
     file = argument.partition("?")[0]
-    return f"{name}:{workspace / argument}" if file and (workspace / file).is_file() else part
+    return f"{name}:{workspace / argument}" if file and (workspace / file).exists() else part

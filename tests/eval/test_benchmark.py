@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eval import images
+from eval import benchmark, images
 from eval.benchmark import Benchmark
 from eval.cells import Study
 from eval.errors import StudyError
 from eval.report import write_report
 from eval.sources import Degraded, Recording, degradations
 from eval.study import run_study
+from eval.work import resolved
 from navcore.calibration import Calibration, CameraMount
 from navcore.camera import PinholeRadtan
 from navcore.readers import open_sequence
@@ -99,6 +100,26 @@ def test_all_arms_see_the_recording_and_truth_only_where_it_knows_biases(folder,
     device.write_text(device.read_text().replace("0.0001", "0.0002"))
     changed, _ = chosen.study(tmp_path / "study")
     assert kept not in {c.prior for c in changed.cells}
+
+
+def test_files_and_folders_of_priors_are_kept_by_their_content(tmp_path, monkeypatch):
+    """A device, weights in a folder, options: what is read is what was there when the study was planned."""
+    monkeypatch.chdir(tmp_path)
+    study, weights = tmp_path / "study", tmp_path / "weights"
+    weights.mkdir()
+    (tmp_path / "device.json").write_text("{}")
+    (weights / "card.json").write_text("one")
+    spec = "constant:./device.json,file:./weights?window=8"
+    first = benchmark._kept(spec, study)
+    device, folder = (part.partition(":")[2].partition("?")[0] for part in first.split(","))
+    assert first == f"constant:{device},file:{folder}?window=8"
+    assert (study / device).read_text() == "{}" and (study / folder / "card.json").read_text() == "one"
+    assert resolved(first, study) == f"constant:{study / device},file:{study / folder}?window=8"
+    (weights / "card.json").write_text("two")
+    second = benchmark._kept(spec, study)
+    assert second.split(",")[0] == first.split(",")[0] and second.split(",")[1] != first.split(",")[1]
+    for name in ("none", "truth:1e-3,0.5", "file:weights", "constant:gone.json"):  # a folder's path has a slash
+        assert benchmark._kept(name, study) == name
 
 
 def test_images_are_those_of_the_same_benchmark_on_disk(folder, tmp_path):
