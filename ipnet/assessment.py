@@ -19,15 +19,15 @@ def calibrate(folder: Path, card: Card, tracks: Iterable[Track]) -> Card:
     tracks = list(tracks)
     networks = {}
     for name, network in card.networks.items():
-        errors = [e for e in (window_errors(folder / f"{name}{ONNX}", network, t) for t in tracks) if len(e.t_ns)]
+        exported = Network(folder / f"{name}{ONNX}")
+        errors = [e for e in (window_errors(exported, network, track) for track in tracks) if len(e.t_ns)]
         model = fit(errors, network.grid.seconds) if len(errors) > 1 else uncalibrated()
         networks[name] = replace(network, errors=model, validation=figures(errors, model))
     return replace(card, networks=networks)
 
 
-def window_errors(path: Path, card: NetworkCard, track: Track) -> WindowErrors:
+def window_errors(network: Network, card: NetworkCard, track: Track) -> WindowErrors:
     """Errors of a network on all windows of a recording."""
-    network = Network(path)
     stamps, errors, variances = [], [], []
     for window in WindowStream(card.grid).add(track.imu):
         bias, variance = network(window)
