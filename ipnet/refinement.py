@@ -20,6 +20,7 @@ from navcore.imu import GRAVITY
 
 TILT_SIGMA = 0.2  # rad, of gravity's direction from the mean specific force
 VELOCITY_SIGMA = 3.0  # m/s, of the middle's velocity
+DOF = 4.0  # of Student's distribution of what the model leaves over: a stand on the ground is not flight
 UNKNOWNS = 12  # tilt, velocity, b_g, b_a
 
 
@@ -87,9 +88,10 @@ def refine(window: Tensor, dt: float, first: Belief, now: Belief, model: MotionM
     v_B = (R * v_M[:, :, None]).sum(1)
     v, force, rate = _blocks(v_B), _blocks(f), _blocks(omega)  # (batch, 3, blocks)
     r = model.A @ v + model.B @ force + model.C @ rate + model.n
+    w = model.w / torch.sqrt(1.0 + (model.w * r) ** 2 / DOF)
     J = _jacobian(R, f_M, v_M, gravity, dt, model)  # (batch, m, 12, blocks)
-    J = (model.w[:, :, None] * J).transpose(2, 3).flatten(1, 2)
-    r = (model.w * r).flatten(1)
+    J = (w[:, :, None] * J).transpose(2, 3).flatten(1, 2)
+    r = (w * r).flatten(1)
     tilt = cross(level, gravity) / GRAVITY**2  # the rotation from what the mean force says
     off = torch.cat([tilt, now.velocity, now.bias - first.bias], dim=1)
     fixed = window.new_tensor([TILT_SIGMA**-2] * 3 + [VELOCITY_SIGMA**-2] * 3).expand(batch, 6)

@@ -8,6 +8,9 @@ from ipnet.dataset import Windows
 from ipnet.presets import BLOCK
 from navcore.arrays import Floats
 
+DOF = 4.0
+"""Of Student's distribution."""
+ITERATIONS = 30
 RIDGE = 1e-3
 """Of the regressors' mean square: what hardly varies explains nothing."""
 
@@ -60,12 +63,28 @@ def _blocks(motion: Floats) -> Floats:
 
 def _regress(x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
     """y = M x + n over windows (W, blocks, k): M (3, k), n (3,), and the weight of each row of residuals (3,)."""
-    flat_x, flat_y = x.reshape(-1, x.shape[2]), y.reshape(-1, 3)
-    dx, dy = flat_x - flat_x.mean(axis=0), flat_y - flat_y.mean(axis=0)
-    second = dx.T @ dx
-    M = np.linalg.solve(second + RIDGE * np.trace(second) / len(second) * np.eye(len(second)), dx.T @ dy).T
-    n = flat_y.mean(axis=0) - M @ flat_x.mean(axis=0)
-    r = y - x @ M.T - n
-    variance = (r**2).mean(axis=(0, 1))
-    alike = np.clip((r[:, 1:] * r[:, :-1]).mean(axis=(0, 1)) / variance, 0.0, 0.98)
-    return M, n, np.sqrt((1.0 - alike) / (1.0 + alike) / variance)
+    rows = [_row(x, y[..., axis]) for axis in range(3)]
+    M, n, weight = (np.array(part) for part in zip(*rows, strict=True))
+    return M, n, weight
+
+
+def _row(x: Floats, y: Floats) -> tuple[Floats, float, float]:
+    """y = m x + n over windows, y (W, blocks): m (k,), n, and the weight of the residuals.
+
+    Their distribution is Student's: most of a recording is one kind of motion, but not all.
+    """
+    flat_x, flat_y = x.reshape(-1, x.shape[2]), y.reshape(-1)
+    q = np.ones(len(flat_y))
+    for _ in range(ITERATIONS):
+        mean_x, mean_y = np.average(flat_x, axis=0, weights=q), np.average(flat_y, weights=q)
+        dx = flat_x - mean_x
+        second = (q[:, None] * dx).T @ dx
+        ridge = RIDGE * np.trace(second) / len(second) * np.eye(len(second))
+        m = np.linalg.solve(second + ridge, (q[:, None] * dx).T @ (flat_y - mean_y))
+        n = mean_y - m @ mean_x
+        r = flat_y - flat_x @ m - n
+        variance = float((q * r**2).mean())
+        q = (DOF + 1.0) / (DOF + r**2 / variance)
+    r = (np.sqrt(q) * r).reshape(y.shape)
+    alike = np.clip((r[:, 1:] * r[:, :-1]).mean() / variance, 0.0, 0.98)
+    return m, float(n), float(np.sqrt((1.0 - alike) / (1.0 + alike) / variance))
