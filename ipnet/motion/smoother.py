@@ -13,9 +13,10 @@ from navcore.imu import GRAVITY, ImuNoise, ImuSamples
 _ITERATIONS = 15
 _PLAIN = 2  # iterations before tails are thought of
 _DONE = 0.03  # of a sigma: biases that move less are found
-_NORM_SIGMA = 0.01  # m/s^2, of |g_B|
+_NORM_SIGMA = 0.003  # m/s^2, of |g_B|
 _STILL_SIGMAS = np.repeat([0.005, 5e-4], 3)  # m/s, rad/s, of a body at rest
-_FAINT = 1e-6  # information that keeps what nothing is known of within reach
+_FAR_AWAY = np.repeat([10.0, 20.0, 100.0], 3)  # m/s^2, m/s, m: nothing is farther
+_LEAST_KNOWN = 0.8  # share of a window that must be the platform's own motion, or rest
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,6 @@ class Inferred:
         nodes: (N + 1, 15) g_B, v_B, p_B, b_g, b_a along the window.
         iterations: how many it took.
         cost: mean squared whitened innovation of the motion: about 1 where it is as it was learned.
-        share: of the intervals that are the platform's own motion, or rest: of the others nothing is known.
     """
 
     mean: Floats
@@ -36,7 +36,6 @@ class Inferred:
     nodes: Floats
     iterations: int
     cost: float
-    share: float
 
 
 @dataclass(frozen=True)
@@ -53,18 +52,29 @@ class Smoother:
     noise: ImuNoise
     sigma: Floats
 
-    def infer(self, samples: ImuSamples, edges_ns: Stamps, start: Floats | None = None) -> Inferred:
+    def infer(self, samples: ImuSamples, edges_ns: Stamps, start: Floats | None = None) -> Inferred | None:
         """Biases in a window cut into intervals of the model's length.
 
         Args:
             samples: cover the edges.
             edges_ns: (N + 1,) N two or more.
             start: (6,) biases to begin with.
+
+        Returns:
+            None where nothing can be said: too much of it is not the platform's own motion, or no motion of the
+            platform fits.
         """
-        n = len(edges_ns) - 1
-        middle = n // 2
-        bias = np.tile(np.zeros(6) if start is None else start, (n + 1, 1))
+        bias = np.tile(np.zeros(6) if start is None else start, (len(edges_ns), 1))
         base = Intervals.of(samples, edges_ns, bias[:-1, :3], bias[:-1, 3:], self.noise)
+        if np.mean(self.model.applies(base) | (base.still[1:] & base.still[:-1])) < _LEAST_KNOWN:
+            return None
+        try:
+            return self._iterate(samples, edges_ns, base, bias)
+        except np.linalg.LinAlgError:
+            return None
+
+    def _iterate(self, samples: ImuSamples, edges_ns: Stamps, base: Intervals, bias: Floats) -> Inferred | None:
+        middle = len(base) // 2
         nodes, effects = _first_guess(base, bias), np.zeros(EFFECTS)
         for done in range(1, _ITERATIONS + 1):
             if base.far(nodes[:-1, BIAS]):
@@ -73,11 +83,13 @@ class Smoother:
             chain, cost = self._equations(cells, nodes, effects, robust=done > _PLAIN)
             step, border, covariance = chain.solve(middle)
             nodes, effects = nodes + step, effects + border
-            moved = np.abs(step[middle, BIAS]) / np.sqrt(np.diag(covariance)[BIAS])
+            variance = np.diag(covariance)
+            if not (np.isfinite(nodes).all() and (variance > 0.0).all()):
+                return None
+            moved = np.abs(step[middle, BIAS]) / np.sqrt(variance[BIAS])
             if done > _PLAIN + 1 and moved.max() < _DONE:
                 break
-        known = base.still[1:] & base.still[:-1] | self.model.applies(base)
-        return Inferred(nodes[middle, BIAS], covariance[BIAS, BIAS], nodes, done, cost, float(known.mean()))
+        return Inferred(nodes[middle, BIAS], covariance[BIAS, BIAS], nodes, done, cost)
 
     def _equations(self, cells: Intervals, nodes: Floats, effects: Floats, robust: bool) -> tuple[Chain, float]:
         chain = Chain.empty(len(nodes), NODE, EFFECTS)
@@ -90,8 +102,9 @@ class Smoother:
     def _add_kinematics(self, chain: Chain, cells: Intervals, nodes: Floats) -> None:
         """Each node follows from the one before, up to the IMU's noise."""
         expected, J = cells.following(nodes[:-1])
-        walk = np.repeat([self.noise.gyroscope_random_walk, self.noise.accelerometer_random_walk], 3) + 1e-7
-        information = np.linalg.inv(cells.noise(expected, walk))
+        densities = [self.noise.gyroscope_random_walk, self.noise.accelerometer_random_walk]
+        walk = np.repeat(np.array(densities) + 1e-7, 3)
+        information: Floats = np.linalg.inv(cells.noise(expected, walk))
         r = nodes[1:] - expected
         JT_I = np.swapaxes(J, 1, 2) @ information
         chain.D[1:] += information
@@ -129,7 +142,7 @@ class Smoother:
         rest = np.flatnonzero(cells.still)
         rows = np.r_[SPEED, RATE]
         L = cells.feature_jacobian()[rest][:, rows]
-        LT: Floats = np.swapaxes(L, 1, 2) / _STILL_SIGMAS**2
+        LT = (np.swapaxes(L, 1, 2) / _STILL_SIGMAS**2).astype(np.float64)
         chain.D[rest] += LT @ L
         chain.h[rest] -= _apply(LT, cells.features(nodes[:-1])[rest][:, rows])
 
@@ -145,8 +158,10 @@ class Smoother:
         size = float(np.linalg.norm(g_B))
         J = np.zeros(NODE)
         J[GRAV] = g_B / size
-        chain.D[0] += np.outer(J, J) / _NORM_SIGMA**2 + _FAINT * np.eye(NODE)
+        chain.D[0] += np.outer(J, J) / _NORM_SIGMA**2
         chain.h[0] -= J * (size - GRAVITY) / _NORM_SIGMA**2
+        chain.D[0][:9, :9] += np.diag(_FAR_AWAY**-2.0)
+        chain.h[0, :9] -= nodes[0, :9] / _FAR_AWAY**2
         chain.D[0][BIAS, BIAS] += np.diag(self.sigma**-2.0)
         chain.h[0, BIAS] -= nodes[0, BIAS] / self.sigma**2
         scatter = np.linalg.inv(model.effects + 1e-12 * np.eye(EFFECTS))
@@ -162,5 +177,4 @@ def _first_guess(cells: Intervals, bias: Floats) -> Floats:
 
 
 def _apply(M: Floats, x: Floats) -> Floats:
-    product: Floats = (M @ x[..., None])[..., 0]
-    return product
+    return np.asarray((M @ x[..., None])[..., 0], dtype=np.float64)

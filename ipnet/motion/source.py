@@ -13,13 +13,12 @@ from navcore.imu import ImuNoise, ImuSamples
 from navcore.prior import BiasPrior, BiasPriorSource
 from navcore.sequence import Sequence
 
-LENGTHS_S = (5.0, 10.0, 20.0, 40.0, 60.0)
+LENGTHS_S = (10.0, 20.0, 40.0, 60.0)
 """A run's first windows, all from its beginning; then windows of the last length,"""
 EVERY_S = 20.0
 """one after so many seconds."""
 SIGMA = np.repeat([0.3, 1.5], 3)
 """rad/s, m/s^2: biases before anything is seen; far wider than any device's, so that a statement is a likelihood."""
-_LEAST_KNOWN = 0.8  # share of a window that must be the platform's own motion, or rest
 
 
 class MotionPrior:
@@ -88,7 +87,7 @@ class MotionPrior:
         begin_ns = self._end_ns - self._length_ns
         edges: Stamps = np.arange(begin_ns, self._end_ns + 1, self._step_ns, dtype=np.int64)
         found = self._smoother.infer(held, edges, self._bias)
-        if found.share >= _LEAST_KNOWN:
+        if found is not None:
             self._bias = found.mean
             covariance = self._covariance(found, begin_ns)
             self._ready.append(BiasPrior(int(edges[len(edges) // 2]), found.mean[:3], found.mean[3:], covariance))

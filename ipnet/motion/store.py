@@ -46,8 +46,7 @@ class MotionCard:
     @property
     def R6(self) -> Floats:
         """(6, 6) for both sensors."""
-        R6: Floats = np.kron(np.eye(2), self.R_FB)
-        return R6
+        return np.asarray(np.kron(np.eye(2), self.R_FB), dtype=np.float64)
 
     def write(self, path: Path) -> None:
         """Write it as JSON."""
