@@ -104,7 +104,7 @@ class Smoother:
         expected, J = cells.following(nodes[:-1])
         densities = [self.noise.gyroscope_random_walk, self.noise.accelerometer_random_walk]
         walk = np.repeat(np.array(densities) + 1e-7, 3)
-        information: Floats = np.linalg.inv(cells.noise(expected, walk))
+        information = np.asarray(np.linalg.inv(cells.noise(expected, walk)), dtype=np.float64)
         r = nodes[1:] - expected
         JT_I = np.swapaxes(J, 1, 2) @ information
         chain.D[1:] += information
