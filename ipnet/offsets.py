@@ -21,5 +21,5 @@ def offsets_of(index: int, count: int, size: tuple[float, float] = OFFSET) -> Fl
 
 def slope(offsets: Floats, changes: Floats) -> Floats:
     """(6, 6) slope of outputs (row) by offsets (column), by least squares over N changes (N, 6)."""
-    solution: Floats = np.linalg.lstsq(offsets, changes, rcond=None)[0]
-    return solution.T
+    solution = np.linalg.lstsq(offsets, changes, rcond=None)[0]
+    return np.asarray(solution.T, dtype=np.float64)
