@@ -84,12 +84,12 @@ def refine(window: Tensor, dt: float, first: Belief, now: Belief, model: MotionM
     level = f_M.mean(2)
     level = -GRAVITY * level / level.norm(dim=1, keepdim=True)
     gravity = level if now.gravity is None else now.gravity
-    v_M = _from_middle(f_M + gravity[..., None], dt) + now.velocity[..., None]
+    v_M = from_middle(f_M + gravity[..., None], dt) + now.velocity[..., None]
     v_B = (R * v_M[:, :, None]).sum(1)
-    v, force, rate = _blocks(v_B), _blocks(f), _blocks(omega)  # (batch, 3, blocks)
+    v, force, rate = block_means(v_B), block_means(f), block_means(omega)  # (batch, 3, blocks)
     r = model.A @ v + model.B @ force + model.C @ rate + model.n
     w = model.w / torch.sqrt(1.0 + (model.w * r) ** 2 / DOF)
-    J = _jacobian(R, f_M, v_M, gravity, dt, model)  # (batch, m, 12, blocks)
+    J = jacobian(R, f_M, v_M, gravity, dt, model)  # (batch, m, 12, blocks)
     J = (w[:, :, None] * J).transpose(2, 3).flatten(1, 2)
     r = (w * r).flatten(1)
     tilt = cross(level, gravity) / GRAVITY**2  # the rotation from what the mean force says
@@ -102,13 +102,13 @@ def refine(window: Tensor, dt: float, first: Belief, now: Belief, model: MotionM
     return Belief(now.bias + x[:, 6:], variance[:, 6:], gravity, now.velocity + x[:, 3:6])
 
 
-def _jacobian(R: Tensor, f_M: Tensor, v_M: Tensor, gravity: Tensor, dt: float, model: MotionModel) -> Tensor:
+def jacobian(R: Tensor, f_M: Tensor, v_M: Tensor, gravity: Tensor, dt: float, model: MotionModel) -> Tensor:
     """(batch, m, 12, blocks) of r by tilt, velocity, b_g, b_a, in the middles of blocks."""
     at, to = slice(BLOCK // 2, None, BLOCK), slice(BLOCK // 2 - 1, None, BLOCK)
     G = torch.cumsum(R, dim=3) * dt
     G = G[..., to] - G[..., R.shape[3] // 2 - 1, None]  # (batch, 3, 3, blocks)
     step = BLOCK * dt
-    swept = cross(_blocks(f_M)[:, :, None], G) * step
+    swept = cross(block_means(f_M)[:, :, None], G) * step
     F = torch.cumsum(swept, dim=3)
     half = F.shape[3] // 2
     F = F - 0.5 * swept - F[..., half - 1, None]
@@ -201,13 +201,13 @@ def cross(a: Tensor, b: Tensor) -> Tensor:
     return a.index_select(1, one) * b.index_select(1, two) - a.index_select(1, two) * b.index_select(1, one)
 
 
-def _from_middle(a: Tensor, dt: float) -> Tensor:
+def from_middle(a: Tensor, dt: float) -> Tensor:
     """Integral of (batch, 3, n) from the window's middle to the middle of each sample."""
     total = torch.cumsum(a, dim=2)
     return (total - 0.5 * a - total[..., a.shape[2] // 2 - 1, None]) * dt
 
 
-def _blocks(x: Tensor) -> Tensor:
+def block_means(x: Tensor) -> Tensor:
     """(batch, 3, blocks) means of (batch, 3, samples)."""
     return x.view(x.shape[0], x.shape[1], -1, BLOCK).mean(3)
 

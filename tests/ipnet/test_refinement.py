@@ -1,13 +1,27 @@
 """Refinement by dead reckoning: attitudes, derivatives, the solver, and what it finds in a flight."""
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
 from ipnet.dataset import regular_windows
 from ipnet.presets import BLOCK
-from ipnet.refinement import Belief, MotionModel, attitudes, product, refine, solve
+from ipnet.refinement import (
+    Belief,
+    MotionModel,
+    attitudes,
+    block_means,
+    cross,
+    from_middle,
+    jacobian,
+    product,
+    refine,
+    solve,
+)
 from ipnet.regression import relations
+from navcore.imu import GRAVITY
 from tests.ipnet.flying import DRAG, SMALL, flight
 
 DT = 1.0 / SMALL.rate_hz
@@ -50,9 +64,51 @@ def test_regression_finds_the_drag():
     np.testing.assert_allclose(found.C[:2], 0.0, atol=0.01)
 
 
+def test_integrals_run_from_the_middle():
+    ones = torch.ones(1, 3, 8, dtype=torch.float64)
+    np.testing.assert_allclose(from_middle(ones, 0.5)[0, 0], 0.5 * (np.arange(8) + 0.5) - 2.0, atol=1e-12)
+
+
+def test_the_derivative_is_that_of_dead_reckoning():
+    rng = torch.Generator().manual_seed(3)
+    windows = regular_windows([flight(4)], SMALL, 9.0)
+    samples = torch.stack([windows[k][0] for k in range(2)]).double().transpose(1, 2)
+    A, B, C = torch.randn(3, 2, 3, generator=rng, dtype=torch.float64)
+    model = MotionModel(A, B, C, *torch.ones(2, 2, 2, SMALL.samples // BLOCK, dtype=torch.float64))
+    up = torch.tensor([[0.0, 0.0, -GRAVITY]], dtype=torch.float64).expand(2, 3)
+
+    def at(x):
+        omega, f = samples[:, :3] - x[:, 6:9, None], samples[:, 3:] - x[:, 9:, None]
+        R = attitudes(omega, DT)
+        f_M = (R * f[:, None]).sum(2)
+        gravity = up + cross(x[:, :3], up)
+        v_M = from_middle(f_M + gravity[..., None], DT) + 1.0 + x[:, 3:6, None]
+        v_B = (R * v_M[:, :, None]).sum(1)
+        r = A @ block_means(v_B) + B @ block_means(f) + C @ block_means(omega)
+        return r, jacobian(R, f_M, v_M, gravity, DT, model)
+
+    J = at(torch.zeros(2, 12, dtype=torch.float64))[1]
+    for k in range(12):
+        step = torch.zeros(2, 12, dtype=torch.float64)
+        step[:, k] = 1e-6
+        numeric = (at(step)[0] - at(-step)[0]) / 2e-6
+        assert (numeric - J[:, :, k]).abs().mean() < 0.05 * numeric.abs().mean() + 1e-3  # J is of blocks' middles
+
+
+def test_regression_is_not_misled_by_what_is_no_flight():
+    flights = [flight(k) for k in range(3)]
+    still = flights[2]
+    tilted = still.imu.accel + 3.0 * (np.arange(len(still.imu)) < 1000)[:, None]
+    flights[2] = replace(still, imu=replace(still.imu, accel=tilted))
+    found = relations(regular_windows(flights, SMALL, 2.0))
+    assert found is not None
+    np.testing.assert_allclose(found.A[:2, :2], DRAG * np.eye(2), atol=0.02)
+    assert found.weight[:2].min() > 5.0
+
+
 def test_regression_needs_velocities():
     track = flight(1)
-    blind = type(track)(track.name, track.imu, track.bias, np.full_like(track.velocity, np.nan))
+    blind = replace(track, velocity=np.full_like(track.velocity, np.nan))
     assert relations(regular_windows([blind], SMALL, 2.0)) is None
 
 
