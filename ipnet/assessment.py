@@ -9,21 +9,34 @@ import numpy as np
 
 from ipnet.calibration import ErrorModel, WindowErrors, fit
 from ipnet.dataset import Track
+from ipnet.errors import LabelError
 from ipnet.network_source import ONNX, Network
-from ipnet.weights import Card, NetworkCard, uncalibrated
+from ipnet.weights import Card, NetworkCard
 from ipnet.windows import WindowStream
 
 
 def calibrate(folder: Path, card: Card, tracks: Iterable[Track]) -> Card:
-    """The card with the error models and figures of its networks on recordings, which are named in it."""
+    """The card with the error models and figures of its networks on recordings.
+
+    Raises:
+        LabelError: none is as long as a window.
+    """
     tracks = list(tracks)
     networks = {}
     for name, network in card.networks.items():
         exported = Network(folder / f"{name}{ONNX}")
         errors = [e for e in (window_errors(exported, network, track) for track in tracks) if len(e.t_ns)]
-        model = fit(errors, network.grid.seconds) if len(errors) > 1 else uncalibrated()
+        if not errors:
+            raise LabelError(f"{len(tracks)} recordings to calibrate on; none is as long as a window of {name}")
+        model = fit(errors, network.grid.seconds) if len(errors) > 1 else half_and_half(errors[0])
         networks[name] = replace(network, errors=model, validation=figures(errors, model))
     return replace(card, networks=networks)
+
+
+def half_and_half(errors: WindowErrors) -> ErrorModel:
+    """From one recording, which cannot tell what is constant over a run: half of the mean square error."""
+    square = (errors.error**2).mean(axis=0)
+    return ErrorModel(np.diag(0.5 * square), np.sqrt(0.5 * square / errors.variance.mean(axis=0)), np.zeros(6))
 
 
 def window_errors(network: Network, card: NetworkCard, track: Track) -> WindowErrors:

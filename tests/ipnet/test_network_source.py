@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from ipnet.calibration import ErrorModel
+from ipnet.assessment import figures, half_and_half
+from ipnet.calibration import ErrorModel, WindowErrors
 from ipnet.errors import ConfigError
 from ipnet.export import ONNX, SAFETENSORS, export, export_folder, load, save
 from ipnet.model import IPNet
@@ -144,3 +145,12 @@ def test_the_source_needs_no_torch():
 def test_export_replaces_whole_files(tmp_path):
     export(IPNet(replace(SHORT, reach=())), tmp_path / "x.onnx")
     assert [p.name for p in tmp_path.iterdir()] == ["x.onnx"]
+
+
+def test_one_recording_leaves_open_what_is_constant():
+    rng = np.random.default_rng(1)
+    errors = WindowErrors("a", np.arange(50), rng.normal(size=(50, 6)), np.full((50, 6), 4.0))
+    model = half_and_half(errors)
+    total = model.variance(errors.variance).mean(axis=0) + np.diagonal(model.constant)
+    np.testing.assert_allclose(total, (errors.error**2).mean(axis=0))
+    assert figures([errors], model)["coverage_90"] == pytest.approx([0.9] * 6, abs=0.1)
