@@ -17,7 +17,7 @@ from ipnet.model import IPNet
 from ipnet.network_source import Network, NetworkPrior, make
 from ipnet.prediction import predict
 from ipnet.training import begin
-from ipnet.weights import Card, NetworkCard, names
+from ipnet.weights import Card, NetworkCard, find, names
 from ipnet.windows import WindowStream
 from navcore.calibration import Calibration
 from navcore.imu import ImuNoise
@@ -117,8 +117,15 @@ def test_what_the_short_network_has_more_of_constant_error_is_in_its_noise(weigh
 def test_an_unknown_name_is_answered_with_the_known():
     with pytest.raises(ConfigError, match="weights 'best' are unknown; known are"):
         load_prior("ipnet:best")
+
+
+def test_shipped_weights_are_whole():
+    assert names()
     for name in names():
-        assert isinstance(load_prior(f"ipnet:{name}"), NetworkPrior)
+        for network in Card.read(find(name)).networks:
+            sizes = [(find(name) / f"{network}{kind}").stat().st_size for kind in (ONNX, SAFETENSORS)]
+            assert 0 < max(sizes) <= 4e6
+    assert isinstance(load_prior(f"ipnet:{names()[0]}"), NetworkPrior)
 
 
 def test_other_weights_are_refused(weights):

@@ -94,7 +94,7 @@ def test_both_train(lessons, tmp_path):
         out = tmp_path / learn.__name__
         learn(lessons, out)
         assert (out / "card.json").is_file()
-        assert (out / "log" / "metrics.csv").read_text().count("\n") >= 2
+        assert (out / "log" / "csv" / "version_0" / "metrics.csv").read_text().count("\n") >= 2
 
 
 def test_an_unknown_name_is_answered_with_the_list():
