@@ -10,9 +10,9 @@ from ipnet.motion.model import EFFECTS, ROWS, MotionModel
 from navcore.arrays import Floats, Stamps
 from navcore.imu import GRAVITY, ImuNoise, ImuSamples
 
-_ITERATIONS = 15
-_PLAIN = 2  # iterations before tails are thought of
-_DONE = 0.03  # of a sigma: biases that move less are found
+_ITERATIONS = 20
+_PLAIN = 5  # iterations before tails are thought of
+_DONE, _ENOUGH = 0.03, 0.3  # of a sigma: biases that move less are found; that still move more are not
 _NORM_SIGMA = 0.003  # m/s^2, of |g_B|
 _STILL_SIGMAS = np.repeat([0.005, 5e-4], 3)  # m/s, rad/s, of a body at rest
 _FAR_AWAY = np.repeat([10.0, 20.0, 100.0], 3)  # m/s^2, m/s, m: nothing is farther
@@ -75,7 +75,7 @@ class Smoother:
 
     def _iterate(self, samples: ImuSamples, edges_ns: Stamps, base: Intervals, bias: Floats) -> Inferred | None:
         middle = len(base) // 2
-        nodes, effects = _first_guess(base, bias), np.zeros(EFFECTS)
+        nodes, effects = self._first_guess(base, bias), np.zeros(EFFECTS)
         for done in range(1, _ITERATIONS + 1):
             if base.far(nodes[:-1, BIAS]):
                 base = Intervals.of(samples, edges_ns, nodes[:-1, 9:12], nodes[:-1, 12:15], self.noise)
@@ -89,7 +89,16 @@ class Smoother:
             moved = np.abs(step[middle, BIAS]) / np.sqrt(variance[BIAS])
             if done > _PLAIN + 1 and moved.max() < _DONE:
                 break
+        if moved.max() > _ENOUGH:
+            return None
         return Inferred(nodes[middle, BIAS], covariance[BIAS, BIAS], nodes, done, cost)
+
+    def _first_guess(self, cells: Intervals, bias: Floats) -> Floats:
+        """(N + 1, 15): gravity opposite to the force, at the usual velocity in the middle."""
+        force = np.vstack([cells.force, cells.force[-1:]])
+        g_B = -GRAVITY * force / np.linalg.norm(force, axis=1, keepdims=True)
+        v_B = np.tile(self.model.mean[SPEED], (len(force), 1))
+        return np.hstack([g_B, v_B, np.zeros((len(force), 3)), bias])
 
     def _equations(self, cells: Intervals, nodes: Floats, effects: Floats, robust: bool) -> tuple[Chain, float]:
         chain = Chain.empty(len(nodes), NODE, EFFECTS)
@@ -167,13 +176,6 @@ class Smoother:
         scatter = np.linalg.inv(model.effects + 1e-12 * np.eye(EFFECTS))
         chain.G += scatter
         chain.k -= scatter @ effects
-
-
-def _first_guess(cells: Intervals, bias: Floats) -> Floats:
-    """(N + 1, 15): gravity opposite to the force, at rest in the middle."""
-    force = np.vstack([cells.force, cells.force[-1:]])
-    g_B = -GRAVITY * force / np.linalg.norm(force, axis=1, keepdims=True)
-    return np.hstack([g_B, np.zeros((len(force), 6)), bias])
 
 
 def _apply(M: Floats, x: Floats) -> Floats:

@@ -13,7 +13,7 @@ from navcore.imu import ImuNoise, ImuSamples
 from navcore.prior import BiasPrior, BiasPriorSource
 from navcore.sequence import Sequence
 
-LENGTHS_S = (10.0, 20.0, 40.0, 60.0)
+LENGTHS_S = (9.5, 19.5, 39.5, 59.0)
 """A run's first windows, all from its beginning; then windows of the last length,"""
 EVERY_S = 20.0
 """one after so many seconds."""
@@ -90,7 +90,8 @@ class MotionPrior:
         if found is not None:
             self._bias = found.mean
             covariance = self._covariance(found, begin_ns)
-            self._ready.append(BiasPrior(int(edges[len(edges) // 2]), found.mean[:3], found.mean[3:], covariance))
+            middle_ns = int(edges[(len(edges) - 1) // 2])
+            self._ready.append(BiasPrior(middle_ns, found.mean[:3], found.mean[3:], covariance))
             self._last = (begin_ns, self._end_ns)
         keep_ns = self._end_ns + round((EVERY_S - LENGTHS_S[-1] - 1.0) * 1e9)
         self._parts = [held.between(keep_ns, int(held.t_ns[-1]) + 1)]
