@@ -35,7 +35,8 @@ def load(path: Path, config: NetworkConfig) -> IPNet:
         network.load_state_dict(load_file(path))
     except RuntimeError as error:
         raise ConfigError(f"{path}: not the weights of {config}: {error}") from error
-    return network.eval()
+    network.eval()
+    return network
 
 
 def export(network: BiasNetwork, path: Path) -> None:

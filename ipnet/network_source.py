@@ -82,10 +82,12 @@ class NetworkPrior:
         """Take new samples, in time order."""
         ready = list(self._last.add(samples))
         if self._first is not None:
-            middle_ns = round((0.5 * self._last.card.grid.seconds - self.window_s) * 1e9)
+            card = self._first.card
+            reach_s = 0.5 * self._last.card.grid.seconds - self.window_s  # of the short windows' middles
+            times = 1 + int((reach_s - 0.5 * card.grid.seconds) / card.every_s)
             for z in self._first.add(samples):
-                if z.t_ns <= self._first.since_ns + middle_ns:
-                    ready.append(self._with_more_constant(z, self._first.card))
+                if z.t_ns <= self._first.since_ns + round(reach_s * 1e9):
+                    ready.append(self._with_more_constant(z, card, times))
         self._ready += sorted(ready, key=lambda z: z.t_ns)
 
     def poll(self, t_ns: int) -> list[BiasPrior]:
@@ -93,10 +95,13 @@ class NetworkPrior:
         ready, self._ready = self._ready, []
         return ready
 
-    def _with_more_constant(self, z: BiasPrior, card: NetworkCard) -> BiasPrior:
-        """What the short network's constant error has beyond the long one's, added to its own."""
+    def _with_more_constant(self, z: BiasPrior, card: NetworkCard, times: int) -> BiasPrior:
+        """What the short network's constant error has beyond the long one's, added to its own.
+
+        It is one error that is told so many times: each of them bears it that many times, or it would average out.
+        """
         more = np.diagonal(card.errors.constant) - np.diagonal(self.constant_covariance)
-        return BiasPrior(z.t_ns, z.b_g, z.b_a, z.covariance + np.diag(np.maximum(more, 0.0)))
+        return BiasPrior(z.t_ns, z.b_g, z.b_a, z.covariance + times * np.diag(np.maximum(more, 0.0)))
 
 
 def make(argument: str, sequence: Sequence | None) -> BiasPriorSource:

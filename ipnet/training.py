@@ -42,7 +42,7 @@ class Devices:
     strategy: str = "auto"  # how they share the work
 
 
-class BiasModule(L.LightningModule):  # type: ignore[misc]
+class BiasModule(L.LightningModule):
     """A network and how it learns; windows are drawn anew in each epoch, from the seed and the epoch's number."""
 
     def __init__(

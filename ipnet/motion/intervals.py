@@ -30,8 +30,8 @@ GRAV, VELO, POSI, BIAS = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 15)
 GYRO_BIAS, ACCEL_BIAS = slice(9, 12), slice(12, 15)
 TURNS = 9
 """Means of w_x^2, w_y^2, w_z^2, w_x w_y, w_x w_z, w_y w_z, and the angular acceleration (3): what a lever arm adds."""
-FAR = 2e-3
-"""rad/s: over half a second the turn is off by 1e-3, and what is of second order in it by 1e-6."""
+FAR = np.repeat([2e-3, 0.2], 3)
+"""rad/s, m/s^2: over half a second the turn is off by 1e-3, and what is of second order in it by 1e-6."""
 _TINY = 1e-8  # added to variances of gravity, velocity, place: (1e-4)^2 in their units
 _STILL = 1.4  # times the noise: what samples of a body at rest may scatter
 _QUIET_RUN = 4  # intervals in a row: a hand that turns back is quiet for one
@@ -89,7 +89,7 @@ class Intervals:
 
     def far(self, bias: Floats) -> bool:
         """Whether biases differ too much for `at`."""
-        return bool(np.abs(bias - self.bias)[:, 0:3].max() > FAR)
+        return bool((np.abs(bias - self.bias) > FAR).any())
 
     def __len__(self) -> int:
         return len(self.force)
@@ -105,8 +105,8 @@ class Intervals:
     def feature_jacobian(self) -> Floats:
         """(N, 15, 15): derivative of `features` by the nodes.
 
-        That of the means of rotation by b_g is left out: it is of the size of a correction of b_g times the
-        interval's length, and correction by correction it goes to zero.
+        That of the means of rotation by b_g, about half an interval times velocity, is left out: it is small beside
+        what a window of many intervals says of b_g.
         """
         inc = self.increments
         L = np.zeros((len(self), FEATURES, NODE))

@@ -14,7 +14,7 @@ _ITERATIONS = 20
 _PLAIN = 5  # iterations before tails are thought of
 _DONE, _ENOUGH = 0.03, 0.3  # of a sigma: biases that move less are found; that still move more are not
 _NORM_SIGMA = 0.003  # m/s^2, of |g_B|
-_STILL_SIGMAS = np.repeat([0.005, 5e-4], 3)  # m/s, rad/s, of a body at rest
+_STILL_SIGMAS = np.repeat([0.005, 5e-4], 3)  # m/s, rad/s, of a body at rest, beside the noise
 _FAR_AWAY = np.repeat([10.0, 20.0, 100.0], 3)  # m/s^2, m/s, m: nothing is farther
 _LEAST_KNOWN = 0.8  # share of a window that must be the platform's own motion, or rest
 
@@ -28,7 +28,7 @@ class Inferred:
         covariance: (6, 6).
         nodes: (N + 1, 15) g_B, v_B, p_B, b_g, b_a along the window.
         iterations: how many it took.
-        cost: mean squared whitened innovation of the motion: about 1 where it is as it was learned.
+        cost: mean squared innovation of the motion by the model's Q: about dof / (dof - 2) where it is as learned.
     """
 
     mean: Floats
@@ -151,7 +151,9 @@ class Smoother:
         rest = np.flatnonzero(cells.still)
         rows = np.r_[SPEED, RATE]
         L = cells.feature_jacobian()[rest][:, rows]
-        LT = (np.swapaxes(L, 1, 2) / _STILL_SIGMAS**2).astype(np.float64)
+        variance = np.tile(_STILL_SIGMAS**2, (len(rest), 1))
+        variance[:, 3:] += self.noise.gyroscope_noise_density**2 / cells.increments.dt[rest, None]
+        LT = (np.swapaxes(L, 1, 2) / variance[:, None, :]).astype(np.float64)
         chain.D[rest] += LT @ L
         chain.h[rest] -= _apply(LT, cells.features(nodes[:-1])[rest][:, rows])
 
