@@ -1,28 +1,33 @@
 """`ipnet+motion:NAME`: what a network and a motion model say of the same data, as one source.
 
-Both look at the same samples, so their errors are related. Each axis is the weighted mean with the least variance under
-that correlation, which was found on recordings that neither was made from; so was the error of the result.
+Both look at the same samples, so their errors are related in a way that nobody knows. Covariance intersection (Julier,
+Uhlmann, "A non-divergent estimation algorithm in the presence of unknown correlations", ACC 1997, eq. 4) needs not know
+it: P^-1 = w A^-1 + (1 - w) B^-1 is consistent for every correlation. As a stream: each statement of the first source is
+told with its covariance divided by w, each of the second with its divided by 1 - w. w, and a factor on all covariances
+(below 1 where the errors are less related than could be), are found on recordings that neither source was made from.
 """
 
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ipnet.calibration import ErrorModel, fit
 from ipnet.errors import ConfigError
+from ipnet.fusion import nothing_known
 from ipnet.runs import Run, Span, listen
-from navcore.arrays import Floats, frozen
+from navcore.arrays import Floats
 from navcore.imu import ImuSamples
 from navcore.prior import BiasPrior, BiasPriorSource, load_prior
 from navcore.sequence import Sequence
 
 FOLDER = Path(__file__).parent / "joins"
-_CAUTION = 0.95
-"""Correlations are never believed to be larger: nearly equal statements would get weights beyond reason."""
+_SHARES = (0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95)
+_FACTORS = tuple(2.0 ** (0.5 * k) for k in range(-4, 9))
+_TINY = 1e-16  # (1e-8 rad/s)^2: a constant error of exactly zero has no inverse
 
 
 @dataclass(frozen=True)
@@ -31,40 +36,71 @@ class Join:
 
     Attributes:
         specs: of the two.
-        correlation: (6,) of their errors, axis by axis.
-        errors: of what results, as the weights would have it.
-        recordings: by which all this was found.
+        share: w, the weight of the first, above 0 and below 1.
+        factor: on all covariances.
+        recordings: by which these were found.
     """
 
     specs: tuple[str, str]
-    correlation: Floats
-    errors: ErrorModel
+    share: float
+    factor: float
     recordings: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "correlation", frozen("correlation", self.correlation, np.float64, (6,)))
+        if not (0.0 < self.share < 1.0 and self.factor > 0.0):
+            raise ConfigError(f"share {self.share}, factor {self.factor}; expected 0 < share < 1 and a positive factor")
 
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {**vars(self), "correlation": self.correlation.tolist(), "errors": self.errors.as_dict()}
+    @property
+    def weights(self) -> tuple[float, float]:
+        """Of the two."""
+        return self.share, 1.0 - self.share
+
+    def constant(self, first: Floats, second: Floats) -> Floats:
+        """(6, 6) covariance of what is constantly wrong with both, from that of each."""
+        parts = [w * np.linalg.inv(c + _TINY * np.eye(6)) for w, c in zip(self.weights, (first, second), strict=True)]
+        joined = self.factor * np.linalg.inv(parts[0] + parts[1])
+        return np.asarray(0.5 * (joined + joined.T), dtype=np.float64)
+
+    def told(self, z: BiasPrior, which: int, own: Floats, constant: Floats) -> BiasPrior:
+        """A statement of one of the two, with the short-lived part of its error in the joined source.
+
+        Args:
+            z: the statement.
+            which: 0 or 1.
+            own: (6, 6) of that source's constant error.
+            constant: (6, 6) of the joined source's.
+        """
+        rest = self.factor / self.weights[which] * (z.covariance + own) - constant
+        values, axes = np.linalg.eigh(rest)  # never negative but for rounding: inversion turns order around
+        covariance = (axes * np.maximum(values, 1e-6 * values.max())) @ axes.T
+        return replace(z, covariance=0.5 * (covariance + covariance.T))
 
     @staticmethod
     def from_dict(content: dict[str, Any]) -> "Join":
-        """From what `as_dict` gave."""
+        """From what JSON made of `asdict`.
+
+        Raises:
+            ConfigError: a key is missing or unknown.
+        """
+        expected = set(Join.__dataclass_fields__)
+        if set(content) != expected:
+            raise ConfigError(f"a join has {sorted(content)}, expected {sorted(expected)}")
         first, second = content["specs"]
-        errors = ErrorModel.from_dict(content["errors"])
-        return Join((first, second), content["correlation"], errors, tuple(content["recordings"]))
+        return Join((first, second), content["share"], content["factor"], tuple(content["recordings"]))
 
 
 class JoinedPrior:
-    """The source: whenever one of the two speaks, both are joined as they stand; before the other has spoken, one."""
+    """The source: each of the two speaks when it does, and counts for its share.
+
+    All its statements count (`window_s` is 0): which ones share data, their own sources have accounted for.
+    """
 
     def __init__(self, first: BiasPriorSource, second: BiasPriorSource, join: Join) -> None:
-        self.window_s = max(first.window_s, second.window_s)
-        self.constant_covariance: Floats = join.errors.constant
+        self.window_s = 0.0
+        self.constant_covariance: Floats = join.constant(first.constant_covariance, second.constant_covariance)
         self._sources = (first, second)
         self._join = join
-        self._said: list[BiasPrior | None] = [None, None]
+        self._last_ns: int | None = None
 
     def device(self) -> BiasPrior | None:
         """Nothing is known of a device."""
@@ -76,59 +112,64 @@ class JoinedPrior:
             source.add_imu(samples)
 
     def poll(self, t_ns: int) -> list[BiasPrior]:
-        """What both say now, at most once; stamped with the later of the two."""
-        spoken = False
-        for k, source in enumerate(self._sources):
-            for z in source.poll(t_ns):
-                total = z.covariance + source.constant_covariance
-                self._said[k] = replace(z, covariance=total)
-                spoken = True
-        return [self._joined()] if spoken else []
+        """What both have to say now; a stamp is never before that of a statement that was given earlier."""
+        ready = [
+            self._join.told(z, which, source.constant_covariance, self.constant_covariance)
+            for which, source in enumerate(self._sources)
+            for z in source.poll(t_ns)
+        ]
+        return [self._in_order(z) for z in sorted(ready, key=lambda z: z.t_ns)]
 
-    def _joined(self) -> BiasPrior:
-        first, second = self._said
-        said = [z for z in (first, second) if z is not None]
-        if first is not None and second is not None:
-            mean, variance = least_variance(first, second, self._join.correlation)
-        else:
-            mean, variance = said[0].vector, np.diagonal(said[0].covariance)
-        covariance = np.diag(self._join.errors.variance(variance))
-        return BiasPrior(max(z.t_ns for z in said), mean[:3], mean[3:], covariance)
-
-
-def least_variance(first: BiasPrior, second: BiasPrior, correlation: Floats) -> tuple[Floats, Floats]:
-    """(6,) the mean of both, weighted so that its variance (6,) is least; neither gets a negative weight."""
-    a, b = np.diagonal(first.covariance), np.diagonal(second.covariance)
-    shared = np.clip(correlation, -_CAUTION, _CAUTION) * np.sqrt(a * b)
-    w = np.clip((b - shared) / (a + b - 2.0 * shared), 0.0, 1.0)  # of the first
-    mean: Floats = w * first.vector + (1.0 - w) * second.vector
-    variance: Floats = w**2 * a + 2.0 * w * (1.0 - w) * shared + (1.0 - w) ** 2 * b
-    return mean, variance
+    def _in_order(self, z: BiasPrior) -> BiasPrior:
+        stamp = z.t_ns if self._last_ns is None else max(z.t_ns, self._last_ns + 1)
+        self._last_ns = stamp
+        return replace(z, t_ns=stamp)
 
 
 def find_join(specs: tuple[str, str], spans: Iterable[Span]) -> Join:
-    """Find how two sources are joined, on spans of recordings that neither was made from.
+    """The share and the factor under which the estimates at the ends of spans are most likely.
+
+    Args:
+        specs: of the two sources.
+        spans: of recordings that neither was made from.
 
     Raises:
         ConfigError: fewer than two spans in which both speak.
     """
-    spans = list(spans)
-    pairs = [_pairs(*(listen(load_prior(spec, span.sequence), span) for spec in specs)) for span in spans]
-    if sum(len(p) > 0 for p in pairs) < 2:
-        raise ConfigError(f"{' and '.join(specs)} speak together in fewer than two of {len(spans)} runs")
-    errors = np.vstack([p for p in pairs if len(p)])  # (N, 2, 6) in units of what is stated
-    correlation = (errors[:, 0] * errors[:, 1]).mean(axis=0) / np.sqrt((errors**2).mean(axis=0).prod(axis=0))
-    plain = Join(specs, correlation, ErrorModel(1e-12 * np.eye(6), np.ones(6), np.zeros(6)), ())
-    heard = [listen(joined(plain, span.sequence), span) for span in spans]
-    found = [replace(run.errors, recording=f"{run.span.recording} {k}") for k, run in enumerate(heard)]
-    names = tuple(dict.fromkeys(span.recording for span in spans))
-    return replace(plain, errors=fit(found, heard[0].window_s), recordings=names)
+    heard = [tuple(listen(load_prior(spec, span.sequence), span) for spec in specs) for span in spans]
+    both = [(a, b) for a, b in heard if a.measurements and b.measurements]
+    if len(both) < 2:
+        raise ConfigError(f"{' and '.join(specs)} speak together in {len(both)} of {len(heard)} runs; expected two")
+    names = tuple(dict.fromkeys(a.span.recording for a, _ in both))
+    joins = [Join(specs, share, factor, names) for share, factor in product(_SHARES, _FACTORS)]
+    return max(joins, key=lambda join: sum(_log_likelihood(join, a, b) for a, b in both))
+
+
+def _log_likelihood(join: Join, first: Run, second: Run) -> float:
+    """Of the true biases at the end of a span."""
+    constant = join.constant(first.constant_covariance, second.constant_covariance)
+    told = [
+        join.told(z, which, run.constant_covariance, constant)
+        for which, run in enumerate((first, second))
+        for z in run.measurements
+    ]
+    span = first.span
+    together = Run(span, tuple(sorted(told, key=lambda z: z.t_ns)), None, 0.0, constant)
+    end = together.fused(nothing_known(span.begin_ns))
+    error = end.vector - span.bias_at(np.array([span.end_ns]))[0]
+    sign, size = np.linalg.slogdet(end.covariance)
+    return float(-0.5 * (size + error @ np.linalg.solve(end.covariance, error))) if sign > 0 else -np.inf
 
 
 def joined(join: Join, sequence: Sequence | None) -> JoinedPrior:
     """The source that a join describes."""
     first, second = (load_prior(spec, sequence) for spec in join.specs)
     return JoinedPrior(first, second, join)
+
+
+def write(join: Join) -> str:
+    """A join as JSON."""
+    return json.dumps(asdict(join), indent=1) + "\n"
 
 
 def make(argument: str, sequence: Sequence | None) -> BiasPriorSource:
@@ -142,16 +183,3 @@ def make(argument: str, sequence: Sequence | None) -> BiasPriorSource:
             return joined(Join.from_dict(json.loads(path.read_text(encoding="utf-8"))), sequence)
     known = ", ".join(sorted(p.stem for p in FOLDER.glob("*.json"))) or "none"
     raise ConfigError(f"ipnet+motion {argument!r} is unknown; known are {known}, or a file that `join` wrote")
-
-
-def _pairs(first: Run, second: Run) -> Floats:
-    """(N, 2, 6) errors over stated sd, of each statement of the first and the second's latest that ended before it."""
-    if not first.measurements or not second.measurements:
-        return np.zeros((0, 2, 6))
-    scaled = []
-    for run in (first, second):
-        constant = np.diagonal(run.constant_covariance)
-        scaled.append(run.errors.error / np.sqrt(run.errors.variance + constant))
-    latest = np.searchsorted(second.errors.t_ns, first.errors.t_ns, side="right") - 1
-    there = latest >= 0
-    return np.stack([scaled[0][there], scaled[1][latest[there]]], axis=1)

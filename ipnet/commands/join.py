@@ -1,6 +1,5 @@
 """`python -m ipnet join`: find how two sources are joined."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -9,7 +8,7 @@ import tyro
 from rich.console import Console
 
 from ipnet.files import write_text
-from ipnet.joined import find_join
+from ipnet.joined import find_join, write
 from ipnet.recordings import open_recordings
 from ipnet.runs import cut
 
@@ -28,5 +27,5 @@ class Join:
         """Find it and write it."""
         spans = cut(open_recordings(self.paths, self.labels), self.seconds)
         found = find_join(self.prior, spans)
-        write_text(self.out, json.dumps(found.as_dict(), indent=1) + "\n")
-        console.print(f"wrote {self.out}; correlation {found.correlation.round(2).tolist()}", highlight=False)
+        write_text(self.out, write(found))
+        console.print(f"wrote {self.out}; share of the first {found.share:g}, factor {found.factor:g}", highlight=False)

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from ipnet import joined
-from ipnet.calibration import ErrorModel
 from ipnet.errors import ConfigError
-from ipnet.joined import Join, JoinedPrior, find_join, least_variance
+from ipnet.joined import Join, JoinedPrior, find_join, write
 from ipnet.recordings import Label, Recording
 from ipnet.runs import cut, listen
 from navcore.imu import ImuNoise, ImuSamples
@@ -16,83 +15,83 @@ from navcore.prior import BiasPrior, load_prior
 from navcore.priors.listed import ListedPrior
 
 SIGMA = {"a": np.repeat([0.02, 0.1], 3), "b": np.repeat([0.01, 0.3], 3)}
-RHO = 0.6
 
 
 def spans(n):
-    t_ns = np.arange(600) * 100_000_000
-    imu = ImuSamples(t_ns, np.zeros((600, 3)), np.zeros((600, 3)))
+    t_ns = np.arange(300) * 200_000_000
+    imu = ImuSamples(t_ns, np.zeros((300, 3)), np.zeros((300, 3)))
     noise = ImuNoise(1e-4, 0.0, 1e-3, 0.0)
     return cut([Recording(f"r{k}", imu, noise, None, Label(f"r{k}", np.zeros(6), 1e-12 * np.eye(6))) for k in range(n)])
 
 
-def source(name, sequence):
-    """Statements every 5 s whose errors have the correlation RHO with the other's."""
-    rng = np.random.default_rng(int(sequence.name[1:]))
-    shared, own = rng.normal(size=(11, 6)), rng.normal(size=(2, 11, 6))["ab".index(name)]
-    e = SIGMA[name] * (np.sqrt(RHO) * shared + np.sqrt(1.0 - RHO) * own)
-    cover = np.diag(SIGMA[name] ** 2)
-    rows = [BiasPrior(round((2.5 + 5 * k) * 1e9), x[:3], x[3:], 0.9 * cover) for k, x in enumerate(e)]
-    return ListedPrior(rows, window_s=5.0, constant_covariance=0.1 * cover)
+def source(rho):
+    """Statements every 5 s whose errors have that correlation with the other source's."""
+
+    def make(name, sequence):
+        rng = np.random.default_rng(int(sequence.name[1:]))
+        shared, own = rng.normal(size=(11, 6)), rng.normal(size=(2, 11, 6))["ab".index(name)]
+        e = SIGMA[name] * (np.sqrt(rho) * shared + np.sqrt(1.0 - rho) * own)
+        rows = [BiasPrior(round((2.5 + 5 * k) * 1e9), x[:3], x[3:], np.diag(SIGMA[name] ** 2)) for k, x in enumerate(e)]
+        return ListedPrior(rows, window_s=5.0, constant_covariance=1e-4 * np.diag(SIGMA[name] ** 2))
+
+    return make
 
 
-@pytest.fixture
-def two(monkeypatch):
-    monkeypatch.setattr(joined, "load_prior", source)
+def spread(rng, size=6):
+    A = rng.standard_normal((size, size))
+    return A @ A.T + 0.1 * np.eye(size)
 
 
-def test_weights_give_the_least_variance():
+def test_one_statement_of_each_fuses_to_covariance_intersection():
     rng = np.random.default_rng(1)
-    a, b = (BiasPrior(0, *rng.normal(size=(2, 3)), np.diag(rng.uniform(0.5, 2.0, 6))) for _ in range(2))
-    correlation = rng.uniform(-0.5, 0.5, 6)
-    mean, variance = least_variance(a, b, correlation)
-    for k in range(6):
-        pair = np.array([a.vector[k], b.vector[k]])
-        cross = correlation[k] * np.sqrt(a.covariance[k, k] * b.covariance[k, k])
-        S = np.array([[a.covariance[k, k], cross], [cross, b.covariance[k, k]]])
-        best = 1.0 / np.linalg.inv(S).sum()  # generalised least squares
-        assert variance[k] == pytest.approx(best)
-        assert mean[k] == pytest.approx(best * np.linalg.inv(S).sum(axis=0) @ pair)
+    A, B, C_a, C_b = spread(rng), spread(rng), 0.1 * spread(rng), 0.1 * spread(rng)
+    z = [BiasPrior(k, *rng.normal(size=(2, 3)), cover) for k, cover in enumerate((A, B))]
+    join = Join(("a", "b"), 0.3, 2.0, ())
+    constant = join.constant(C_a, C_b)
+    told = [join.told(z[0], 0, C_a, constant), join.told(z[1], 1, C_b, constant)]
+    total = [t.covariance + constant for t in told]
+    np.testing.assert_allclose(total[0], 2.0 / 0.3 * (A + C_a), rtol=1e-6)
+    expected = 2.0 * np.linalg.inv(0.3 * np.linalg.inv(A + C_a) + 0.7 * np.linalg.inv(B + C_b))
+    np.testing.assert_allclose(np.linalg.inv(sum(np.linalg.inv(t) for t in total)), expected, rtol=1e-6)
+    assert np.linalg.eigvalsh(2.0 * A / 0.3 + 2.0 * C_a / 0.3 - constant).min() > 0.0  # inversion turns order around
 
 
-def test_a_worse_one_that_says_the_same_gets_no_weight():
-    a, b = (BiasPrior(0, np.full(3, x), np.full(3, x), s * np.eye(6)) for x, s in ((1.0, 1.0), (2.0, 100.0)))
-    mean, variance = least_variance(a, b, np.full(6, 0.9))
-    np.testing.assert_array_equal(mean, 1.0)
-    np.testing.assert_array_equal(variance, 1.0)
-
-
-def test_correlation_and_error_come_back(two, tmp_path):
-    found = find_join(("a", "b"), spans(80))
-    np.testing.assert_allclose(found.correlation, RHO, atol=0.1)
-    runs = [listen(joined.joined(found, s.sequence), s) for s in spans(120)[80:]]
-    errors = np.vstack([r.errors.error for r in runs])
-    best = [
-        1.0 / np.linalg.inv([[a * a, RHO * a * b], [RHO * a * b, b * b]]).sum()
-        for a, b in zip(SIGMA["a"], SIGMA["b"], strict=True)
-    ]
-    np.testing.assert_allclose((errors**2).mean(axis=0), best, rtol=0.2)
-    stated = found.errors.variance(np.array(best)) + np.diagonal(found.errors.constant)
-    np.testing.assert_allclose(stated, best, rtol=0.15)
-    assert Join.from_dict(json.loads(json.dumps(found.as_dict()))).specs == ("a", "b")
-
-
-def test_before_both_speak_one_does():
+def test_all_that_both_say_is_told_in_order_of_stamps():
     cover = np.eye(6)
-    late = ListedPrior([BiasPrior(20_000_000_000, np.ones(3), np.ones(3), cover)], window_s=10.0)
-    early = ListedPrior([BiasPrior(2_500_000_000, np.zeros(3), np.zeros(3), cover)], window_s=5.0)
-    plain = Join(("a", "b"), np.zeros(6), ErrorModel(1e-12 * np.eye(6), np.ones(6), np.zeros(6)), ())
-    both = JoinedPrior(early, late, plain)
-    assert both.window_s == 10.0
-    assert both.poll(4_000_000_000) == []
-    (first,) = both.poll(6_000_000_000)
-    np.testing.assert_array_equal(first.vector, 0.0)
-    (second,) = both.poll(30_000_000_000)
-    assert second.t_ns == 20_000_000_000
-    np.testing.assert_allclose(second.vector, 0.5)
-    np.testing.assert_allclose(np.diagonal(second.covariance), 0.5)
+    late = ListedPrior([BiasPrior(9_500_000_000, np.ones(3), np.ones(3), cover)], window_s=19.0)
+    early = [BiasPrior(round(t * 1e9), np.zeros(3), np.zeros(3), cover) for t in (2.5, 7.5, 12.5)]
+    both = JoinedPrior(ListedPrior(early, window_s=5.0), late, Join(("a", "b"), 0.5, 1.0, ()))
+    said = [z for t in range(30) for z in both.poll(t * 1_000_000_000)]
+    assert [z.t_ns for z in said] == [2_500_000_000, 7_500_000_000, 12_500_000_000, 12_500_000_001]
+    np.testing.assert_array_equal(said[-1].vector, 1.0)
+    np.testing.assert_allclose(said[0].covariance, 2.0 * cover, rtol=1e-6)
+    assert both.window_s == 0.0 and both.poll(40_000_000_000) == []
 
 
-def test_an_unknown_name_is_answered_with_the_list():
+@pytest.mark.parametrize(("rho", "least", "most"), [(0.0, 0.25, 0.75), (0.9, 0.5, 2.0)])
+def test_the_factor_knows_how_related_errors_are(monkeypatch, rho, least, most):
+    monkeypatch.setattr(joined, "load_prior", source(rho))
+    found = find_join(("a", "b"), spans(12))
+    assert least <= found.factor <= most
+    assert found.recordings == tuple(f"r{k}" for k in range(12))
+    runs = [listen(joined.joined(found, s.sequence), s) for s in spans(42)[12:]]
+    ends = [r.fused(joined.nothing_known(r.span.begin_ns)) for r in runs]
+    nees = np.mean([e.vector @ np.linalg.solve(e.covariance, e.vector) for e in ends]) / 6.0
+    assert 0.5 < nees < 1.6
+
+
+def test_a_join_comes_back_from_its_file():
+    join = Join(("ipnet:x", "motion:x"), 0.35, 1.5, ("r1", "r2"))
+    assert Join.from_dict(json.loads(write(join))) == join
+
+
+def test_what_cannot_be_is_said():
     with pytest.raises(ConfigError, match="'balloon' is unknown; known are"):
         load_prior("ipnet+motion:balloon")
+    with pytest.raises(ConfigError, match="expected 0 < share"):
+        Join(("a", "b"), 1.0, 1.0, ())
+    with pytest.raises(ConfigError, match="expected"):
+        Join.from_dict({"specs": ["a", "b"]})
+    silent = spans(3)
+    with pytest.raises(ConfigError, match="speak together in 0 of 3"):
+        find_join(("none", "none"), silent)
