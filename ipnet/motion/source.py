@@ -21,6 +21,11 @@ SIGMA = np.repeat([0.3, 1.5], 3)
 """rad/s, m/s^2: biases before anything is seen; far wider than any device's, so that a statement is a likelihood."""
 
 
+_HEADING = np.arange(6) == 0
+"""The gyroscope along the usual force: what successive windows say of it is related most (0.6 at an overlap of 0.66,
+measured on simulated flights, where other axes have 0.15 to 0.29)."""
+
+
 class MotionPrior:
     """The source. After a gap in the samples it begins anew."""
 
@@ -98,10 +103,11 @@ class MotionPrior:
 
     def _covariance(self, found: Inferred, begin_ns: int) -> Floats:
         """(6, 6) of a statement's own error: the smoother's, as calibrated; what it saw before is not told again."""
-        overlap = 0.0 if self._last is None else max(self._last[1] - begin_ns, 0) / self._length_ns
-        factor = max(found.cost, 1.0) ** 0.5 / (1.0 - min(overlap, 0.9) ** 2)
+        overlap = 0.0 if self._last is None else min(max(self._last[1] - begin_ns, 0) / self._length_ns, 0.9)
+        new = np.where(_HEADING, 1.0 - overlap, 1.0 - overlap**2)
+        sd = self.card.errors.scale * max(found.cost, 1.0) ** 0.25 / np.sqrt(new)
         R6, errors = self.card.R6, self.card.errors
-        scaled = errors.scale[:, None] * (R6 @ found.covariance @ R6.T) * errors.scale * factor
+        scaled = sd[:, None] * (R6 @ found.covariance @ R6.T) * sd
         covariance: Floats = R6.T @ (scaled + np.diag(errors.floor**2)) @ R6
         return 0.5 * (covariance + covariance.T)
 
