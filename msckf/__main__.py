@@ -46,8 +46,8 @@ def run(
     Args:
         path: folder of the recording.
         out: folder to write; it must not hold results yet.
-        prior: where bias priors come from: none, motion:NAME, ipnet:NAME, constant:FILE.json, file:FILE.csv, truth, or a
-            source of another package; a device and a source are joined as constant:FILE.json,SOURCE.
+        prior: where bias priors come from: none, motion:NAME, ipnet:NAME, constant:FILE.json, file:FILE.csv, truth,
+            or a source of another package; a device and a source are joined as constant:FILE.json,SOURCE.
         cameras: how many of the rig's cameras are used; short for --config.cameras.
         start: seconds from the first frame.
         end: seconds from the first frame.
