@@ -79,8 +79,8 @@ def preintegrate(
     for k in range(m):
         R[:, k + 1] = R[:, k] @ whole[:, k]
     G1, G2 = _integrals(phi)
-    dv = _apply(R[:, :m], _apply(G1, force)) * dt[..., None]
-    dp_own = _apply(R[:, :m], _apply(G2, force)) * (dt * dt)[..., None]
+    dv = np.matvec(R[:, :m], np.matvec(G1, force)) * dt[..., None]
+    dp_own = np.matvec(R[:, :m], np.matvec(G2, force)) * (dt * dt)[..., None]
     v = np.cumsum(dv, axis=1)
     dp = (v - dv) * dt[..., None] + dp_own
     p = np.cumsum(dp, axis=1)
@@ -105,7 +105,7 @@ def preintegrate(
     share = w / T[:, None, None, None]
     mean_RT = (RT * share).sum(axis=1)
     mean_tRT = (RT * (share * (T[:, None] - left)[..., None, None])).sum(axis=1)
-    mean_RTv = (_apply(RT, v_mid) * share[..., 0]).sum(axis=1)
+    mean_RTv = (np.matvec(RT, v_mid) * share[..., 0]).sum(axis=1)
     return Increments(T, delta_R, delta_v, delta_p, J, Q, mean_RT, mean_tRT, mean_RTv)
 
 
@@ -137,10 +137,6 @@ def _pieces(t_ns: Stamps, edges_ns: Stamps) -> tuple[Floats, Stamps]:
     lengths, index = np.zeros(shape), np.zeros(shape, dtype=np.int64)
     lengths[interval, rank], index[interval, rank] = dt, sample
     return lengths, index
-
-
-def _apply(M: Floats, x: Vectors) -> Vectors:
-    return (M @ x[..., None])[..., 0]
 
 
 def _integrals(phi: Vectors) -> tuple[Floats, Floats]:

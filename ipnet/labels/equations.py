@@ -62,7 +62,7 @@ def gyro_equations(nodes: Nodes, increments: Increments) -> Equations:
     R, k = nodes.R_WB, np.flatnonzero(nodes.joined)
     T = increments.dt[k]
     turned = so3.log(_T(increments.delta_R[k]) @ _T(R[k]) @ R[k + 1])
-    r = _apply(R[k + 1], turned) / T[:, None]
+    r = np.matvec(R[k + 1], turned) / T[:, None]
     A = R[k + 1] @ increments.J[k, 0:3, 0:3] / T[:, None, None]
     rows = np.arange(len(k))
     by_node = _matrix([(rows, k + 1, 1.0 / T), (rows, k, -1.0 / T)], (len(k), len(R)))
@@ -83,12 +83,15 @@ def accel_equations(nodes: Nodes, increments: Increments, tilt: bool, down: floa
     back = _T(increments.delta_R[i - 1])  # both segments are seen from the node between them: one attitude's error
     late = increments.delta_v - increments.delta_p / T  # under the weight that rises
     J_late = increments.J[:, 3:6] - increments.J[:, 6:9] / T[..., None]
-    rising, falling = _apply(back, late[i - 1]), increments.delta_p[i] / T[i]
+    rising, falling = np.matvec(back, late[i - 1]), increments.delta_p[i] / T[i]
     J = back @ J_late[i - 1] + increments.J[i, 6:9] / T[i, :, None]
     J[:, :, 0:3] += so3.hat(rising) @ increments.J[i - 1, 0:3, 0:3]
     J = R @ J / d[..., None]
-    r = (q[i] - q[i - 1]) / d - _apply(R, rising + falling) / d - [0.0, 0.0, -down]
-    before, after = _apply(R @ back, increments.delta_v[i - 1]) / T[i - 1], _apply(R, increments.delta_v[i]) / T[i]
+    r = (q[i] - q[i - 1]) / d - np.matvec(R, rising + falling) / d - [0.0, 0.0, -down]
+    before, after = (
+        np.matvec(R @ back, increments.delta_v[i - 1]) / T[i - 1],
+        np.matvec(R, increments.delta_v[i]) / T[i],
+    )
     jerk = (after - before) / d
     columns = [J[:, :, 3:6], OFFSET_UNIT_S * jerk[..., None]]
     if tilt:
@@ -121,7 +124,3 @@ def _matrix(entries: list[tuple[Stamps, Stamps, Floats]], shape: tuple[int, int]
 
 def _T(M: Floats) -> Floats:
     return np.swapaxes(M, -1, -2)
-
-
-def _apply(M: Floats, x: Vectors) -> Vectors:
-    return (M @ x[..., None])[..., 0]

@@ -77,7 +77,7 @@ class Intervals:
         """At biases (N, 6) that differ little, to first order: see `FAR`."""
         d = bias - self.bias
         inc = self.increments
-        moved = _apply(inc.J, d)
+        moved = np.matvec(inc.J, d)
         corrected = replace(
             inc,
             delta_R=inc.delta_R @ so3.exp(moved[:, 0:3]),
@@ -98,8 +98,8 @@ class Intervals:
         """(N, 15) `FEATURES` from the nodes (N, 15) at the starts."""
         inc = self.increments
         g_B, v_B = nodes[:, GRAV], nodes[:, VELO]
-        speed = _apply(inc.mean_RT, v_B) + _apply(inc.mean_tRT, g_B) + inc.mean_RTv
-        up = -_apply(inc.mean_RT, g_B) / GRAVITY
+        speed = np.matvec(inc.mean_RT, v_B) + np.matvec(inc.mean_tRT, g_B) + inc.mean_RTv
+        up = -np.matvec(inc.mean_RT, g_B) / GRAVITY
         return np.hstack([self.force, speed, up, self.rate, nodes[:, POSI]])
 
     def feature_jacobian(self) -> Floats:
@@ -124,9 +124,9 @@ class Intervals:
         RT = np.swapaxes(inc.delta_R, 1, 2)
         T = inc.dt[:, None]
         g_B, v_B, p_B = nodes[:, GRAV], nodes[:, VELO], nodes[:, POSI]
-        g = _apply(RT, g_B)
-        v = _apply(RT, v_B + g_B * T + inc.delta_v)
-        p = _apply(RT, p_B + v_B * T + 0.5 * g_B * T * T + inc.delta_p)
+        g = np.matvec(RT, g_B)
+        v = np.matvec(RT, v_B + g_B * T + inc.delta_v)
+        p = np.matvec(RT, p_B + v_B * T + 0.5 * g_B * T * T + inc.delta_p)
         # With delta_R Exp(e): (delta_R Exp(e))^T x = RT x + hat(RT x) e.
         J = np.zeros((len(self), NODE, NODE))
         for row, moved, own in ((GRAV, g, None), (VELO, v, slice(3, 6)), (POSI, p, slice(6, 9))):
@@ -153,10 +153,6 @@ class Intervals:
         Q[:, range(9), range(9)] += _TINY
         Q[:, range(9, NODE), range(9, NODE)] += walk**2 * inc.dt[:, None]
         return Q
-
-
-def _apply(M: Floats, x: Vectors) -> Vectors:
-    return (M @ x[..., None])[..., 0]
 
 
 def _still(samples: ImuSamples, edges_ns: Stamps, noise: ImuNoise) -> Mask:

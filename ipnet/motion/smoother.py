@@ -119,8 +119,8 @@ class Smoother:
         chain.D[1:] += information
         chain.D[:-1] += JT_I @ J
         chain.E -= JT_I
-        chain.h[1:] -= _apply(information, r)
-        chain.h[:-1] += _apply(JT_I, r)
+        chain.h[1:] -= np.matvec(information, r)
+        chain.h[:-1] += np.matvec(JT_I, r)
 
     def _add_motion(self, chain: Chain, cells: Intervals, nodes: Floats, effects: Floats, robust: bool) -> float:
         """The platform moves as it was learned; where it does not, that counts less (Student's t)."""
@@ -141,9 +141,9 @@ class Smoother:
         chain.F[1:-1] += PT @ K
         chain.F[:-2] += NT @ K
         chain.G += (KT @ K).sum(axis=0)
-        chain.h[1:-1] -= _apply(PT, w)
-        chain.h[:-2] -= _apply(NT, w)
-        chain.k -= _apply(KT, w).sum(axis=0)
+        chain.h[1:-1] -= np.matvec(PT, w)
+        chain.h[:-2] -= np.matvec(NT, w)
+        chain.k -= np.matvec(KT, w).sum(axis=0)
         return float(np.mean(distance[moving])) / ROWS if moving.any() else 0.0
 
     def _add_rest(self, chain: Chain, cells: Intervals, nodes: Floats) -> None:
@@ -155,7 +155,7 @@ class Smoother:
         variance[:, 3:] += self.noise.gyroscope_noise_density**2 / cells.increments.dt[rest, None]
         LT = (np.swapaxes(L, 1, 2) / variance[:, None, :]).astype(np.float64)
         chain.D[rest] += LT @ L
-        chain.h[rest] -= _apply(LT, cells.features(nodes[:-1])[rest][:, rows])
+        chain.h[rest] -= np.matvec(LT, cells.features(nodes[:-1])[rest][:, rows])
 
     def _add_beforehand(self, chain: Chain, cells: Intervals, nodes: Floats, effects: Floats) -> None:
         """What is known before anything is seen: spread of motion, size of gravity, biases, effects."""
@@ -178,7 +178,3 @@ class Smoother:
         scatter = np.linalg.inv(model.effects + 1e-12 * np.eye(EFFECTS))
         chain.G += scatter
         chain.k -= scatter @ effects
-
-
-def _apply(M: Floats, x: Floats) -> Floats:
-    return np.asarray((M @ x[..., None])[..., 0], dtype=np.float64)
