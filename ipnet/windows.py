@@ -82,13 +82,13 @@ class WindowStream:
 
     def add(self, samples: ImuSamples) -> Iterator[ImuWindow]:
         """Take samples, in time order; give the windows that are complete now."""
-        for part in _without_gaps(samples):
+        for part in without_gaps(samples):
             if self._samples is not None and part.t_ns[0] - self._samples.t_ns[-1] > MAX_GAP_S * 1e9:
                 self._samples = None
             if self._samples is None:
                 self._samples, self._begin_ns = part, None
             else:
-                self._samples = _joined(self._samples, part)
+                self._samples = joined(self._samples, part)
             yield from self._complete()
 
     def _complete(self) -> Iterator[ImuWindow]:
@@ -111,12 +111,14 @@ class WindowStream:
             self._samples = held[keep:]
 
 
-def _joined(a: ImuSamples, b: ImuSamples) -> ImuSamples:
-    return ImuSamples(np.concatenate([a.t_ns, b.t_ns]), np.vstack([a.gyro, b.gyro]), np.vstack([a.accel, b.accel]))
+def joined(*parts: ImuSamples) -> ImuSamples:
+    """Parts that follow each other, as one."""
+    columns = ([getattr(part, name) for part in parts] for name in ("t_ns", "gyro", "accel"))
+    return ImuSamples(*(np.concatenate(column) for column in columns))
 
 
-def _without_gaps(samples: ImuSamples) -> Iterator[ImuSamples]:
-    """Parts between gaps."""
+def without_gaps(samples: ImuSamples) -> Iterator[ImuSamples]:
+    """The parts between gaps, in order."""
     cuts = np.flatnonzero(np.diff(samples.t_ns) > MAX_GAP_S * 1e9) + 1
     for begin, end in zip([0, *cuts], [*cuts, len(samples)], strict=True):
         if end > begin:

@@ -7,7 +7,7 @@ import numpy as np
 from ipnet.motion.smoother import Inferred, Smoother
 from ipnet.motion.store import MotionCard, find
 from ipnet.preintegration import bounds
-from ipnet.windows import MAX_GAP_S
+from ipnet.windows import MAX_GAP_S, joined, without_gaps
 from navcore.arrays import Floats, Stamps
 from navcore.imu import ImuNoise, ImuSamples
 from navcore.prior import BiasPrior, BiasPriorSource
@@ -41,11 +41,10 @@ class MotionPrior:
 
     def _begin(self) -> None:
         self._parts: list[ImuSamples] = []
-        self._first_ns: int | None = None
+        self._end_ns: int | None = None  # of the next window
         self._lengths = chain(LENGTHS_S, iter(lambda: LENGTHS_S[-1], None))
         self._length_ns = round(next(self._lengths) * 1e9)
-        self._end_ns = 0
-        self._last: tuple[int, int] | None = None
+        self._told_ns: int | None = None  # end of the last window that was spoken of
         self._bias: Floats | None = None
 
     def device(self) -> BiasPrior | None:
@@ -54,56 +53,48 @@ class MotionPrior:
 
     def add_imu(self, samples: ImuSamples) -> None:
         """Take new samples, in time order."""
-        cuts = np.flatnonzero(np.diff(samples.t_ns) > MAX_GAP_S * 1e9) + 1
-        for begin, end in zip([0, *cuts.tolist()], [*cuts.tolist(), len(samples)], strict=True):
-            if end > begin:
-                self._add(samples[begin:end])
+        for part in without_gaps(samples):
+            self._add(part)
 
     def poll(self, t_ns: int) -> list[BiasPrior]:
-        """The windows that are over, each once; `t_ns` is never before the samples that were added."""
+        """The windows that the samples added so far have completed, each once."""
         ready, self._ready = self._ready, []
         return ready
 
     def _add(self, samples: ImuSamples) -> None:
         if self._parts and samples.t_ns[0] - self._parts[-1].t_ns[-1] > MAX_GAP_S * 1e9:
             self._begin()
-        self._parts.append(samples)
-        if self._first_ns is None:
-            held = self._held()
-            if len(held) < 2:
+        self._parts.append(samples)  # joined when a window is over: not for every frame
+        if self._end_ns is None:
+            first = joined(*self._parts)
+            if len(first) < 2:
                 return
-            self._first_ns = int(bounds(held.t_ns[:2])[0])
-            self._end_ns = self._first_ns + self._length_ns
+            self._end_ns = int(bounds(first.t_ns[:2])[0]) + self._length_ns
         # The end of the last sample depends on the one that follows; 0.1 s is longer than any interval.
         while self._parts[-1].t_ns[-1] > self._end_ns + round(MAX_GAP_S * 1e9):
-            self._infer(self._held())
+            self._parts = [self._infer(joined(*self._parts), self._end_ns)]
             before = self._length_ns
             self._length_ns = round(next(self._lengths) * 1e9)
             self._end_ns += self._length_ns - before or round(EVERY_S * 1e9)
 
-    def _held(self) -> ImuSamples:
-        parts = self._parts
-        if len(parts) > 1:
-            joined = (np.concatenate([getattr(p, name) for p in parts]) for name in ("t_ns", "gyro", "accel"))
-            self._parts = [ImuSamples(*joined)]
-        return self._parts[0] if self._parts else parts[0]
-
-    def _infer(self, held: ImuSamples) -> None:
-        begin_ns = self._end_ns - self._length_ns
-        edges: Stamps = np.arange(begin_ns, self._end_ns + 1, self._step_ns, dtype=np.int64)
+    def _infer(self, held: ImuSamples, end_ns: int) -> ImuSamples:
+        """Speak of the window that ends there; returns the samples that later ones need."""
+        begin_ns = end_ns - self._length_ns
+        edges: Stamps = np.arange(begin_ns, end_ns + 1, self._step_ns, dtype=np.int64)
         found = self._smoother.infer(held, edges, self._bias)
         if found is not None:
             self._bias = found.mean
             covariance = self._covariance(found, begin_ns)
             middle_ns = int(edges[(len(edges) - 1) // 2])
             self._ready.append(BiasPrior(middle_ns, found.mean[:3], found.mean[3:], covariance))
-            self._last = (begin_ns, self._end_ns)
-        keep_ns = self._end_ns + round((EVERY_S - LENGTHS_S[-1] - 1.0) * 1e9)
-        self._parts = [held.between(keep_ns, int(held.t_ns[-1]) + 1)]
+            self._told_ns = end_ns
+        keep_ns = end_ns + round((EVERY_S - LENGTHS_S[-1] - 1.0) * 1e9)
+        return held.between(keep_ns, int(held.t_ns[-1]) + 1)
 
     def _covariance(self, found: Inferred, begin_ns: int) -> Floats:
         """(6, 6) of a statement's own error: the smoother's, as calibrated; what it saw before is not told again."""
-        overlap = 0.0 if self._last is None else min(max(self._last[1] - begin_ns, 0) / self._length_ns, 0.9)
+        seen_ns = 0 if self._told_ns is None else max(self._told_ns - begin_ns, 0)
+        overlap = min(seen_ns / self._length_ns, 0.9)
         new = np.where(_HEADING, 1.0 - overlap, 1.0 - overlap**2)
         sd = self.card.errors.scale * max(found.cost, 1.0) ** 0.25 / np.sqrt(new)
         R6, errors = self.card.R6, self.card.errors

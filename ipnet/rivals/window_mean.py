@@ -94,7 +94,7 @@ class WindowMean:
         self._ready += [statement(window, self._calibration) for window in self._stream.add(samples)]
 
     def poll(self, t_ns: int) -> list[BiasPrior]:
-        """The windows that are over, each once; `t_ns` is never before the samples that were added."""
+        """The windows that the samples added so far have completed, each once."""
         ready, self._ready = self._ready, []
         return ready
 
