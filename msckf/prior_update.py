@@ -66,24 +66,26 @@ class PriorUpdate:
         self._before_start += self._thinned(self._said(t_ns))
         constant = self.source.constant_covariance if self.models_error else np.zeros((6, 6))
         mean = np.concatenate([device.vector, np.zeros(6)])
+        b, c = slice(0, 6), slice(6, 12)  # biases, and the error of the prior
         P = np.zeros((12, 12))
-        P[:6, :6], P[6:, 6:] = device.covariance, constant
+        P[b, b], P[c, c] = device.covariance, constant
         H = np.hstack([np.eye(6), np.eye(6) if self.models_error else np.zeros((6, 6))])
         at_ns = self._before_start[0].t_ns if self._before_start else t_ns
         for z in self._before_start:
-            P[:6, :6] += self._walked(z.t_ns - at_ns)
+            P[b, b] += self._walked(z.t_ns - at_ns)
             at_ns = z.t_ns
             K = P @ H.T @ np.linalg.inv(H @ P @ H.T + self._noise_of(z))
             mean = mean + K @ (z.vector - H @ mean)
             P = P - K @ H @ P
             P = 0.5 * (P + P.T)
-        P[:6, :6] += self._walked(t_ns - at_ns)
-        fused = BiasPrior(t_ns, mean[:3], mean[3:6], P[:6, :6])
+        P[b, b] += self._walked(t_ns - at_ns)
+        b_g, b_a = np.split(mean[b], 2)
+        fused = BiasPrior(t_ns, b_g, b_a, P[b, b])
         if not self.models_error:
             return StartingBias(fused)
-        gain = np.asarray(np.linalg.solve(P[:6, :6], P[:6, 6:]).T, dtype=np.float64)
-        conditional = P[6:, 6:] - gain @ P[:6, 6:]
-        return StartingBias(fused, mean[6:], gain, 0.5 * (conditional + conditional.T))
+        gain = np.asarray(np.linalg.solve(P[b, b], P[b, c]).T, dtype=np.float64)
+        conditional = P[c, c] - gain @ P[b, c]
+        return StartingBias(fused, mean[c], gain, 0.5 * (conditional + conditional.T))
 
     def begin(self, state: FilterState, start: StartingBias) -> None:
         """Add `c` to a state that has just started from `start`."""
