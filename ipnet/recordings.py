@@ -1,8 +1,12 @@
-"""Recordings whose biases are known, from truth or from a file of labels: what is learned from and scored on."""
+"""Recordings whose biases are known: what is learned from and scored on.
+
+Biases that a recording's truth holds are the reference; a label counts where it holds none. Only a score can be asked
+for the labels' word first.
+"""
 
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +47,7 @@ class Recording:
         imu: all samples.
         noise: of the IMU.
         truth: the path of the body, or None.
-        label: mean bias of the sequence.
+        label: mean bias of the sequence: of the truth where that has finite biases, else as it was given.
     """
 
     name: str
@@ -53,7 +57,7 @@ class Recording:
     label: Label
 
     def bias_at(self, t_ns: Stamps) -> Floats:
-        """(N, 6) b_g, b_a: the truth's at that time where it has finite biases, else the label's."""
+        """(N, 6) b_g, b_a: the truth's at that time where it has any, else the label's."""
         known = _with_biases(self.truth)
         if known is None:
             return np.tile(self.label.bias, (len(t_ns), 1))
@@ -79,34 +83,44 @@ def read_labels(path: Path) -> dict[str, Label]:
     return {label.sequence: label for label in labels}
 
 
-def open_recordings(paths: Iterable[Path], labels: Path | None = None) -> list[Recording]:
+def open_recordings(paths: Iterable[Path], labels: Path | None = None, labels_first: bool = False) -> list[Recording]:
     """The recordings in folders: each path is one, or holds some at any depth.
 
     Args:
         paths: folders.
         labels: for those whose truth has no biases.
+        labels_first: a recording that has a label goes by it, also if its truth has biases.
 
     Raises:
         LabelError: a path holds no recording, or a recording has neither true biases nor a label.
         DataError: a recording cannot be read.
     """
     known = read_labels(labels) if labels is not None else {}
-    return [labelled(open_sequence(folder), known.get(folder.name)) for path in paths for folder in find(path)]
+    folders = [folder for path in paths for folder in find(path)]
+    return [labelled(open_sequence(folder), known.get(folder.name), labels_first) for folder in folders]
 
 
-def labelled(sequence: Sequence, label: Label | None = None) -> Recording:
-    """A recording with its label, or with the mean of its true biases.
+def labelled(sequence: Sequence, label: Label | None = None, labels_first: bool = False) -> Recording:
+    """A recording with the mean of its true biases, or with its label where it has none.
+
+    Args:
+        sequence: with truth or without.
+        label: of it.
+        labels_first: the label counts even if truth has biases, which are then left out.
 
     Raises:
         LabelError: it has neither.
     """
-    known = _with_biases(sequence.truth)
-    if label is None:
-        if known is None or known.b_g is None or known.b_a is None:
-            raise LabelError(f"{sequence.name}: its truth has no biases; expected a label: python -m ipnet label")
+    truth = sequence.truth
+    if labels_first and label is not None and truth is not None:
+        truth = replace(truth, b_g=None, b_a=None)
+    known = _with_biases(truth)
+    if known is not None and known.b_g is not None and known.b_a is not None:
         drawn = np.hstack([known.b_g, known.b_a])
         label = Label(sequence.name, drawn.mean(axis=0), np.cov(drawn.T) + 1e-12 * np.eye(6))
-    return Recording(sequence.name, sequence.imu, sequence.calibration.imu, sequence.truth, label)
+    if label is None:
+        raise LabelError(f"{sequence.name}: its truth has no biases; expected a label: python -m ipnet label")
+    return Recording(sequence.name, sequence.imu, sequence.calibration.imu, truth, label)
 
 
 def true_bias(truth: Trajectory | None) -> Floats | None:

@@ -93,12 +93,11 @@ class Run:
 
     def fused(self, start: BiasPrior) -> BiasPrior:
         """The estimate at the end of the span from a start and all measurements."""
-        fusion = Fusion(
-            replace(start, t_ns=self.span.begin_ns), self.constant_covariance, self.window_s, self.span.noise
-        )
+        span = self.span
+        fusion = Fusion(replace(start, t_ns=span.begin_ns), self.constant_covariance, self.window_s, span.noise)
         for measurement in self.measurements:
             fusion.add(measurement)
-        return fusion.at(self.span.end_ns)
+        return fusion.at(span.end_ns)
 
 
 def cut(recordings: Iterable[Recording], seconds: float | None = None, skip: float = 0.0) -> list[Span]:
@@ -126,6 +125,11 @@ def run(spec: str, span: Span) -> Run:
         ConfigError: the source is unknown, or cannot be had for this recording.
     """
     return listen(load_prior(spec, span.sequence), span)
+
+
+def silent(span: Span) -> Run:
+    """The run of a source that says nothing."""
+    return Run(span, (), None, 0.0, np.zeros((6, 6)))
 
 
 def listen(source: BiasPriorSource, span: Span) -> Run:

@@ -12,7 +12,7 @@ from ipnet.errors import ConfigError
 from ipnet.figures import Figures, Statements, figures
 from ipnet.fusion import SPREAD, nothing_known
 from ipnet.offsets import OFFSET, offsets_of, slope
-from ipnet.runs import Run, Span, run
+from ipnet.runs import Run, Span, run, silent
 from navcore.arrays import Floats
 from navcore.prior import BiasPrior, load_prior
 
@@ -86,7 +86,8 @@ class Scores:
         runs: how many spans of them.
         seconds: mean length of a span.
         axes: frame and groups.
-        constant: of the start alone: the device's mean and covariance, or the wide prior without a device.
+        constant: of the start alone, the device's mean and covariance, or the wide prior without a device: carried to
+            the end of each run by the same filter, without a measurement.
         arms: in the order asked.
     """
 
@@ -126,7 +127,7 @@ def score(spans: ListLike[Span], config: ScoreConfig, progress: Progress | None 
     recordings = tuple(dict.fromkeys(s.recording for s in spans))
     start = nothing_known(0, config.spread)
     device = _device(config.device)
-    constant = _over_run(spans, [device or start] * len(spans), axes, config)
+    constant = _over_run(spans, [silent(span).fused(device or start) for span in spans], axes, config)
     arms: list[ArmScore] = []
     for k, spec in enumerate(config.priors):
         answers = []

@@ -26,6 +26,7 @@ class Score:
     paths: Annotated[tuple[Path, ...], tyro.conf.Positional]  # recordings, or folders that hold some at any depth
     prior: tuple[str, ...]  # sources: NAME or NAME:ARGUMENT, as window-mean:60 constant:device.json
     labels: Path | None = None  # for recordings whose truth has no biases: what `label` wrote
+    labels_first: bool = False  # hold against labels also where truth has biases
     device: str = ""  # joined in, as constant:FILE.json
     seconds: float | None = None  # cut recordings into runs of this length
     skip: float = 0.0  # seconds at each recording's beginning that are left out
@@ -38,7 +39,7 @@ class Score:
         """Score, with a progress bar; tables go to the terminal."""
         if self.out is not None and self.out.suffix not in (".json", ".md"):
             raise ConfigError(f"--out is {self.out}, expected a name that ends in .json or .md")
-        spans = cut(open_recordings(self.paths, self.labels), self.seconds, self.skip)
+        spans = cut(open_recordings(self.paths, self.labels, self.labels_first), self.seconds, self.skip)
         config = ScoreConfig(self.prior, self.device, frame=self.frame, offset=self.offset, spread=self.spread)
         with Progress(console=console) as bar:
             task = bar.add_task("scoring", total=None)

@@ -1,5 +1,7 @@
 """Scores of sources, on spans made here and sources whose scores are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -126,6 +128,20 @@ def test_truth_and_constant_are_the_two_ends(tmp_path):
     assert constant.windows is None
     truth = np.array([s.bias[-1] for s in spans])
     np.testing.assert_allclose(constant.over_run.rmse, np.sqrt((truth**2).mean(axis=0)))
+
+
+def test_a_source_that_says_nothing_gains_nothing(tmp_path):
+    """The start is carried on by the same random walk with measurements and without."""
+    path = tmp_path / "device.json"
+    path.write_text('{"b_g": [0,0,0], "b_a": [0,0,0], "covariance": [1e-6,1e-6,1e-6,1e-4,1e-4,1e-4]}')
+    walking = ImuNoise(1e-4, 1e-3, 1e-3, 1e-2)
+    spans = cut(replace(r, noise=walking) for r in recordings(3, spread=(0.001, 0.01)))
+    for device in ("", f"constant:{path}"):
+        scores = score(spans, ScoreConfig(("none",), device=device, offset=(0.0, 0.0)))
+        assert scores.arms[-1].gain == (0.0,) * 6
+        sigma = np.repeat([1e-3, 1e-2] if device else [0.05, 0.3], 3)
+        walk = np.repeat([1e-3, 1e-2], 3) ** 2 * scores.seconds
+        np.testing.assert_allclose(scores.constant.sigma, np.sqrt(sigma**2 + walk), rtol=1e-6)
 
 
 def test_a_device_is_joined_in(known_sources, tmp_path):

@@ -1,0 +1,48 @@
+"""Which biases a recording is held against."""
+
+import numpy as np
+import pytest
+
+from ipnet.errors import LabelError
+from ipnet.recordings import Label, labelled
+from navcore.calibration import Calibration
+from navcore.imu import ImuNoise, ImuSamples
+from navcore.sequence import Sequence
+from navcore.trajectory import Trajectory
+
+T_NS = np.arange(11, dtype=np.int64) * 100_000_000
+TRUE = np.linspace(0.0, 1.0, 11)[:, None] + np.arange(6.0)
+LABEL = Label("r", -np.ones(6), np.eye(6))
+
+
+def sequence(b_g=None, b_a=None):
+    imu = ImuSamples(T_NS, np.zeros((11, 3)), np.zeros((11, 3)))
+    q = np.tile([0.0, 0.0, 0.0, 1.0], (11, 1))
+    truth = Trajectory(T_NS, q, np.zeros((11, 3)), np.zeros((11, 3)), b_g, b_a)
+    return Sequence("r", Calibration(ImuNoise(1e-4, 0.0, 1e-3, 0.0)), imu, (), truth)
+
+
+@pytest.mark.parametrize("label", [None, LABEL])
+def test_true_biases_are_the_reference_also_beside_a_label(label):
+    found = labelled(sequence(TRUE[:, :3], TRUE[:, 3:]), label)
+    np.testing.assert_allclose(found.bias_at(T_NS), TRUE)
+    np.testing.assert_allclose(found.label.bias, TRUE.mean(axis=0))
+
+
+def test_a_label_counts_where_truth_has_no_biases():
+    nowhere = np.full((11, 3), np.nan)
+    for bare in (sequence(), sequence(nowhere, nowhere)):
+        found = labelled(bare, LABEL)
+        np.testing.assert_array_equal(found.bias_at(T_NS), np.tile(LABEL.bias, (11, 1)))
+        assert found.label is LABEL
+        with pytest.raises(LabelError, match="r: its truth has no biases; expected a label"):
+            labelled(bare)
+
+
+def test_labels_can_be_asked_first():
+    found = labelled(sequence(TRUE[:, :3], TRUE[:, 3:]), LABEL, labels_first=True)
+    np.testing.assert_array_equal(found.bias_at(T_NS), np.tile(LABEL.bias, (11, 1)))
+    assert found.label is LABEL
+    assert found.truth is not None and len(found.truth) == 11
+    without = labelled(sequence(TRUE[:, :3], TRUE[:, 3:]), None, labels_first=True)
+    np.testing.assert_allclose(without.bias_at(T_NS), TRUE)
