@@ -19,7 +19,7 @@ from eval.paired import paired
 from eval.preset import PRESETS
 from eval.tables import failure_table, overview_table, score_table
 from eval.work import check_priors
-from navcore.errors import NavcoreError
+from navcore.command_line import command_line
 from sim.errors import SimError
 
 
@@ -150,15 +150,9 @@ def main() -> int:
     """Parse the command line and do what it says."""
     commands: dict[str, Callable[..., int]] = {"score": score, "study": study, "benchmark": benchmark}
     commands["report"] = report
-    try:
+    with command_line(EvalError, SimError, resumes=True):
         code: int = tyro.extras.subcommand_cli_from_dict(commands, prog="python -m eval")
         return code
-    except (EvalError, NavcoreError, SimError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("interrupted; the same command goes on where it stopped", file=sys.stderr)
-        return 130
 
 
 if __name__ == "__main__":

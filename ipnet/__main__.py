@@ -1,6 +1,5 @@
 """`python -m ipnet`: labels, networks, motion models, and what they say of a recording's biases."""
 
-import sys
 from collections.abc import Callable
 from typing import Protocol
 
@@ -17,7 +16,7 @@ from ipnet.commands.rivals import Corrector, Recursive, WindowMean
 from ipnet.commands.score import Score
 from ipnet.commands.train import Train
 from ipnet.errors import IpnetError
-from navcore.errors import NavcoreError
+from navcore.command_line import command_line
 
 
 class Command(Protocol):
@@ -46,15 +45,8 @@ COMMANDS: dict[str, Callable[..., Command]] = {
 def main() -> None:
     """Parse the command line and run it."""
     command: Command = tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="python -m ipnet")
-    console = Console(stderr=True, soft_wrap=True)
-    try:
+    with command_line(IpnetError) as console:
         command.run(console)
-    except (IpnetError, NavcoreError) as error:
-        console.print(f"error: {error}", style="red", markup=False, highlight=False)
-        sys.exit(1)
-    except KeyboardInterrupt:
-        console.print("interrupted")
-        sys.exit(130)
 
 
 if __name__ == "__main__":

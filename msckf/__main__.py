@@ -18,7 +18,8 @@ from eval.metrics import score
 from msckf.config import FilterConfig, StartConfig, StartMode
 from msckf.errors import MsckfError
 from msckf.filter import Filter, TimedState
-from navcore.errors import ConfigError, NavcoreError
+from navcore.command_line import command_line
+from navcore.errors import ConfigError
 from navcore.odometry import Run, State
 from navcore.odometry import run as run_odometry
 from navcore.prior import PriorMode, load_prior
@@ -145,12 +146,9 @@ def _report(result: Run, summary: dict[str, object], out: Path) -> None:
 
 
 def main() -> int:
-    """Parse the command line, run, and turn expected errors into one line each."""
-    try:
+    """Parse the command line and run it."""
+    with command_line(MsckfError, EvalError):
         return int(tyro.extras.subcommand_cli_from_dict({"run": run}, prog="python -m msckf"))
-    except (NavcoreError, MsckfError, EvalError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
 
 
 if __name__ == "__main__":

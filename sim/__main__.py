@@ -1,12 +1,10 @@
 """`python -m sim`: recordings, pictures, the OpenGL they need."""
 
-import sys
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 
-from navcore.errors import NavcoreError
+from navcore.command_line import command_line
 from sim.commands.check_gl import CheckGl
 from sim.commands.degrade import Degrade
 from sim.commands.fleet import Fleet
@@ -31,15 +29,8 @@ def main() -> None:
         | Annotated[CheckGl, tyro.conf.subcommand("check-gl")],
         prog="python -m sim",
     )
-    console = Console(stderr=True, soft_wrap=True)
-    try:
+    with command_line(SimError, resumes=True) as console:
         command.run(console)
-    except (SimError, NavcoreError) as error:
-        console.print(f"error: {error}", style="red", markup=False, highlight=False)
-        sys.exit(1)
-    except KeyboardInterrupt:
-        console.print("interrupted; the same command goes on where it stopped")
-        sys.exit(130)
 
 
 if __name__ == "__main__":
