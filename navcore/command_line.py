@@ -21,9 +21,10 @@ def command_line(*errors: type[Exception], resumes: bool = False) -> Iterator[Co
         SystemExit: 1 after an expected error, 130 after an interrupt; the console has said why.
     """
     console = Console(stderr=True, soft_wrap=True)
+    expected: tuple[type[Exception], ...] = (NavcoreError, *errors)
     try:
         yield console
-    except (NavcoreError, *errors) as error:
+    except expected as error:
         console.print(f"error: {error}", style="red", markup=False, highlight=False)
         sys.exit(1)
     except KeyboardInterrupt:
