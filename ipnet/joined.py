@@ -172,14 +172,23 @@ def write(join: Join) -> str:
     return json.dumps(asdict(join), indent=1) + "\n"
 
 
-def make(argument: str, sequence: Sequence | None) -> BiasPriorSource:
-    """The source with the join of that name, or in that file.
+def find(argument: str) -> Join:
+    """The shipped join of that name, or the one in that file.
 
     Raises:
         ConfigError: there is none; the message lists the names.
     """
     for path in (FOLDER / f"{argument}.json", Path(argument)):
         if argument and path.is_file():
-            return joined(Join.from_dict(json.loads(path.read_text(encoding="utf-8"))), sequence)
+            return Join.from_dict(json.loads(path.read_text(encoding="utf-8")))
     known = ", ".join(sorted(p.stem for p in FOLDER.glob("*.json"))) or "none"
     raise ConfigError(f"ipnet+motion {argument!r} is unknown; known are {known}, or a file that `join` wrote")
+
+
+def make(argument: str, sequence: Sequence | None) -> BiasPriorSource:
+    """The source with the join of that name, or in that file.
+
+    Raises:
+        ConfigError: there is none; the message lists the names.
+    """
+    return joined(find(argument), sequence)

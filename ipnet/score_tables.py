@@ -37,9 +37,8 @@ def tables(scores: Scores) -> list[Table]:
     names, arms = scores.axes.names, scores.arms
     where = f"{scores.runs} runs of {scores.seconds:.0f} s from {len(scores.recordings)} recordings"
     columns = ("arm", *names)
-    silent = {a.arm: f" (says nothing in {a.silent} runs)" if a.silent else "" for a in arms}
     known = [("constant" if scores.config.device else "nothing known", scores.constant)]
-    known += [(a.arm + silent[a.arm], a.over_run) for a in arms]
+    known += [(a.arm + _warning(a), a.over_run) for a in arms]
     error = tuple(_row(name, [f"{x:.2g}" for x in f.rmse]) for name, f in known)
     spread = tuple(_row(name, _intervals(f)) for name, f in known)
     over_run = [
@@ -67,6 +66,12 @@ def _windows(arms: tuple[ArmScore, ...], columns: tuple[str, ...]) -> list[Table
         Table("RMSE of single measurements (how many) [rad/s, m/s²]", columns, error),
         Table("Coverage of their 90 % intervals", columns, stated),
     ]
+
+
+def _warning(arm: ArmScore) -> str:
+    """What a reader must know of an arm before its error."""
+    silent = f" (says nothing in {arm.silent} runs)" if arm.silent else ""
+    return silent + (f" (made from {len(arm.seen)} of these recordings)" if arm.seen else "")
 
 
 def _row(name: str, cells: list[str]) -> tuple[str, ...]:

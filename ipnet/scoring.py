@@ -13,6 +13,7 @@ from ipnet.figures import Figures, Statements, figures
 from ipnet.fusion import SPREAD, nothing_known
 from ipnet.offsets import OFFSET, offsets_of, slope
 from ipnet.runs import Run, Span, run, silent
+from ipnet.seen import seen_by
 from navcore.arrays import Floats
 from navcore.prior import BiasPrior, load_prior
 
@@ -63,6 +64,7 @@ class ArmScore:
         response_matrix: (6, 6) the same from each axis (column) to each (row).
         gain: (G,) nats of likelihood over a run above the constant prior's.
         silent: runs without a measurement.
+        seen: recordings scored here that the source was made from.
         joined: whether the config's device was joined in; single measurements are the same with and without.
     """
 
@@ -73,6 +75,7 @@ class ArmScore:
     response_matrix: tuple[tuple[float, ...], ...]
     gain: tuple[float, ...]
     silent: int
+    seen: tuple[str, ...]
     joined: bool
 
 
@@ -176,6 +179,7 @@ def _arm(
         () if matrix is None else tuple(tuple(row) for row in matrix.tolist()),
         tuple(c - own for c, own in zip(constant.nll, over_run.nll, strict=True)),
         sum(not a.plain.measurements for a in answers),
+        tuple(sorted(seen_by(name) & {s.recording for s in spans})),
         name.startswith(f"{config.device},"),
     )
 

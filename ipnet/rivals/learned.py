@@ -1,7 +1,6 @@
 """`recursive:NAME` and `corrector:NAME`: networks that others have proposed. Run on onnxruntime alone."""
 
 import json
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -125,14 +124,19 @@ def make_corrector(argument: str, sequence: Sequence | None) -> BiasPriorSource:
     return _make("corrector", argument)
 
 
+def find(rival: str, argument: str) -> Path:
+    """The folder of a rival's weights: a shipped name, or a folder's path.
+
+    Raises:
+        ConfigError: there are none; the message lists the names.
+    """
+    for folder in (FOLDER / rival / argument, Path(argument)):
+        if argument and (folder / CARD).is_file():
+            return folder
+    known = ", ".join(sorted(p.parent.name for p in FOLDER.glob(f"{rival}/*/{CARD}"))) or "none"
+    raise ConfigError(f"{rival} {argument!r} is unknown; known are {known}, or a folder with {CARD}")
+
+
 def _make(rival: str, argument: str) -> BiasPriorSource:
-    folder = next(_folders(rival, argument), None)
-    if folder is None:
-        known = ", ".join(sorted(p.parent.name for p in FOLDER.glob(f"{rival}/*/{CARD}"))) or "none"
-        raise ConfigError(f"{rival} {argument!r} is unknown; known are {known}, or a folder with {CARD}")
+    folder = find(rival, argument)
     return LearnedPrior(folder, RivalCard.read(folder))
-
-
-def _folders(rival: str, name: str) -> Iterator[Path]:
-    """Where weights of that name are."""
-    yield from (f for f in (FOLDER / rival / name, Path(name)) if name and (f / CARD).is_file())

@@ -105,15 +105,16 @@ def make(argument: str, sequence: Sequence | None) -> BiasPriorSource:
     Raises:
         ConfigError: the name is unknown.
     """
-    return WindowMean(load(argument or "generic-5"))
+    return WindowMean(load(argument))
 
 
-def load(name: str) -> Calibration:
-    """A shipped calibration.
+def load(argument: str) -> Calibration:
+    """The shipped calibration of that name; `generic-5` without one.
 
     Raises:
         ConfigError: there is none of that name; the message lists the names.
     """
+    name = argument or "generic-5"
     known = sorted(f.name.removesuffix(".json") for f in _FOLDER.iterdir() if f.name.endswith(".json"))
     if name not in known:
         raise ConfigError(f"window-mean {name!r} is unknown; known are {', '.join(known)}")

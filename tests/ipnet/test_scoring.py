@@ -204,3 +204,15 @@ def test_tables_hold_every_arm(known_sources):
     assert [t.title.split(" ")[0] for t in shown] == ["RMSE", "Its", "Offset", "Coverage", "Log", "RMSE", "Coverage"]
     assert [row[0] for row in shown[0].rows] == ["nothing known", "known:1,1", "none (says nothing in 8 runs)"]
     assert shown[0].markdown().count("\n| ") == 5
+
+
+def test_tables_say_what_was_not_unseen():
+    """`window-mean` was calibrated on some simulated recordings."""
+    spans = cut([recording("handheld-100061", seconds=21.0), recording("r1", seconds=21.0)])
+    scores = score(spans, ScoreConfig(("window-mean", "none"), offset=(0.0, 0.0)))
+    assert [a.seen for a in scores.arms] == [("handheld-100061",), ()]
+    shown = tables(scores)[0]
+    assert [r[0] for r in shown.rows[1:]] == [
+        "window-mean (made from 1 of these recordings)",
+        "none (says nothing in 2 runs)",
+    ]
