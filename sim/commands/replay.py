@@ -14,17 +14,18 @@ from sim.output import Format, write_recording
 from sim.output.recording import check_apart, check_request
 from sim.replay import replayed, smooth_truth
 from sim.replay.figures import figures
-from sim.replay.replay import frame_stamps
+from sim.replay.replay import Vision, frame_stamps
 from sim.replay.stamps import open_recording
 
 
 @dataclass(frozen=True)
 class Replay:
-    """Give a real recording new eyes: render images along its truth, keep its IMU."""
+    """Give a real recording new eyes: render images along its truth, or see landmarks from there; keep its IMU."""
 
     recording: tyro.conf.Positional[Path]  # a folder or bag with truth; images are not needed
     out: Path | None = None  # folder to make; new or empty
     scene: SceneName = "room"  # what is around
+    mode: Vision = "images"  # rendered images, or tracks of landmarks
     movers: int = 0  # things that move through the scene on paths of their own
     switch_lamps: bool = False  # the scene's lamps go out and on
     degrade: str = ""  # KIND[:SEVERITY]@START-END,... such as low_light:3@20-35, or a benchmark's cell: v1/night
@@ -51,6 +52,7 @@ class Replay:
         with replayed(
             self.recording,
             self.scene,
+            mode=self.mode,
             degrade=self.degrade,
             seed=self.seed,
             cameras=self.cameras,

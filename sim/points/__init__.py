@@ -13,15 +13,12 @@ from sim.errors import ConfigError
 from sim.flights import flight
 from sim.imu import exact_imu, grade, simulate_imu
 from sim.motion import Motion
-from sim.points.objects import Objects
 from sim.points.seeing import Seeing
-from sim.points.tracks import follow
-from sim.points.view import Landmarks, View
+from sim.points.tracks import tracks_along
 from sim.rig import euroc_like
 from sim.streams import Streams
-from sim.world import check_scene, make_layout
+from sim.world import check_scene
 
-LANDMARKS = 3000
 FIRST_FRAME_S = 0.1013  # the frames lie between IMU samples, as on rigs without a common trigger
 LAST_FRAME_MARGIN_S = 0.02  # the IMU goes on past the last frame
 IMU_GRADE = "adis16448"
@@ -89,13 +86,10 @@ def simulate_points(
         motion = flight(platform, seconds, seed, moving_start, difficulty, flights)
     rate_hz = device.noise.rate_hz
     samples, truth = simulate_imu(motion, device, streams.imu) if noisy_imu else exact_imu(motion, rate_hz)
-    layout = make_layout(scene, motion.p_WB, streams.world)
-    points, normals = layout.landmarks(LANDMARKS, streams.world)
     stamps = frame_stamps(motion, calibration.cameras[0].rate_hz)
-    view = View(calibration, motion.at(stamps))
-    landmarks = Landmarks(view, points, normals, layout.distance)
-    objects = Objects(view, layout.distance, streams.vision.spawn(1)[0])
-    frames = restream(follow(landmarks, objects, wanted, schedule, streams.vision), schedule, request.seed(seed))
+    frames = restream(
+        tracks_along(motion, calibration, stamps, scene, wanted, schedule, streams), schedule, request.seed(seed)
+    )
     return Sequence(f"{platform}-points-seed{seed}", calibration, samples, frames, truth)
 
 

@@ -4,12 +4,37 @@ from itertools import count
 
 import numpy as np
 
+from navcore.arrays import Stamps
+from navcore.calibration import Calibration
 from navcore.sequence import Frame, Tracks
 from sim.degrade.schedule import Schedule
+from sim.motion import Motion
 from sim.points.followed import Followed
 from sim.points.objects import Objects
 from sim.points.seeing import Seeing
-from sim.points.view import Landmarks
+from sim.points.view import Landmarks, View
+from sim.streams import Streams
+from sim.world import make_layout
+
+LANDMARKS = 3000
+
+
+def tracks_along(
+    motion: Motion,
+    calibration: Calibration,
+    stamps: Stamps,
+    scene: str,
+    seeing: Seeing,
+    schedule: Schedule,
+    streams: Streams,
+) -> list[Frame]:
+    """Tracks of landmarks on the surfaces of a scene that is built around a motion, at stamps (N,) ns."""
+    layout = make_layout(scene, motion.p_WB, streams.world)
+    points, normals = layout.landmarks(LANDMARKS, streams.world)
+    view = View(calibration, motion.at(stamps))
+    landmarks = Landmarks(view, points, normals, layout.distance)
+    objects = Objects(view, layout.distance, streams.vision.spawn(1)[0])
+    return follow(landmarks, objects, seeing, schedule, streams.vision)
 
 
 def follow(

@@ -15,8 +15,8 @@ from sim.degrade import Schedule
 from sim.degrade.effects import EFFECTS, Effect
 from sim.errors import ConfigError
 from sim.motion import Motion
-from sim.points import LANDMARKS
 from sim.points.seeing import Seeing
+from sim.points.tracks import LANDMARKS
 from sim.streams import Streams
 from sim.world import make_layout
 

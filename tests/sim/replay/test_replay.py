@@ -98,6 +98,24 @@ def test_the_same_request_gives_the_same_image(opengl: None, recording: Sequence
     np.testing.assert_array_equal(images[0], images[1])
 
 
+def test_landmarks_are_seen_from_the_path_without_images(recording: Sequence) -> None:
+    with replayed(recording, mode="points", start_s=12.0, end_s=14.0, degrade="blackout@1-1.5", seed=3) as sequence:
+        assert sequence.truth is not None
+        mount, states = sequence.calibration.cameras[0], sequence.truth.at(np.array([f.t_ns for f in sequence.frames]))
+        seen = [f.tracks[0] for f in sequence.frames]
+    assert [len(s) > 0 for s in seen] == [True] * 20 + [False] * 10 + [True] * 11
+    layout = make_layout("room", smooth_truth(recording).motion.p_WB, Streams.of(3).world)
+    followed, first, later = np.intersect1d(seen[0].ids, seen[10].ids, return_indices=True)
+    assert len(followed) > 60
+    ends = []
+    for k, uv in ((0, seen[0].uv[first]), (10, seen[10].uv[later])):
+        R_WB, p_WB = states.R_WB[k], states.p_WB[k]
+        towards = mount.camera.unproject(uv) @ (R_WB @ mount.R_BC).T
+        start = np.tile(p_WB + R_WB @ mount.p_BC, (len(uv), 1))
+        ends.append(start + layout.distance(start, towards)[:, None] * towards)
+    assert np.median(np.linalg.norm(ends[1] - ends[0], axis=1)) < 0.03  # a pixel of noise at a few metres
+
+
 def test_a_bad_request_ends_before_work_begins(recording: Sequence, monkeypatch: pytest.MonkeyPatch) -> None:
     def never(*_: object) -> None:
         raise AssertionError("smoothing began")
@@ -108,6 +126,8 @@ def test_a_bad_request_ends_before_work_begins(recording: Sequence, monkeypatch:
         ({"scene": "sea"}, "scene 'sea' is unknown"),
         ({"degrade": "gloom:1@0-1"}, "'gloom' is unknown"),
         ({"seed": -1}, "seeds are"),
+        ({"mode": "imu"}, "mode 'imu' is unknown"),
+        ({"mode": "points", "movers": 1}, "need images"),
     ):
         with pytest.raises(ConfigError, match=match), replayed(recording, **wrong):  # type: ignore[arg-type]
             pass
