@@ -8,8 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from eval.errors import StudyError
-from eval.flights import Flight, PointsFlight
+from eval.flights import PointsFlight
 from navcore.arrays import Floats
+from sim.imu import grade, simulate_imu
+from sim.platforms import simulate_motion
+from sim.streams import Streams
 
 BASE = "none"
 """The arm that all others are compared with."""
@@ -74,10 +77,10 @@ def write_device(workspace: Path, imu: str, seeds: range) -> str:
     """
     if len(seeds) < 12:
         raise StudyError(f"a device prior from {len(seeds)} recordings; its covariance needs 12 or more")
-    drawn = []
+    drawn, any_motion = [], simulate_motion("quadrotor", 1.0, seeds[0])
     for seed in seeds:
-        truth = PointsFlight(Flight("quadrotor", 1.0, seed, imu=imu)).load(workspace).truth
-        assert truth is not None and truth.b_g is not None and truth.b_a is not None
+        _, truth = simulate_imu(any_motion, grade(imu), Streams.of(seed).imu)
+        assert truth.b_g is not None and truth.b_a is not None
         drawn.append(np.concatenate([truth.b_g[0], truth.b_a[0]]))
     mean = np.mean(drawn, axis=0)
     covariance = np.cov(np.array(drawn).T) * (1.0 + 1.0 / len(drawn))
