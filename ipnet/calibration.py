@@ -5,6 +5,7 @@ Biometrics 1982, section 4): error_ij = c_i + e_ij over windows j of recordings 
 each axis with the variance scale^2 stated + floor^2.
 """
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -24,11 +25,11 @@ _SHRINKAGE = 12.0
 
 @dataclass(frozen=True)
 class WindowErrors:
-    """Errors of a source on one recording.
+    """Errors of a source on one recording, which share the part `c`.
 
     Attributes:
         recording: its name.
-        t_ns: (N,) middle of each window, increasing.
+        t_ns: (N,) middle of each window, or the end of a run, increasing.
         error: (N, 6) statement less truth.
         variance: (N, 6) as stated, before calibration.
     """
@@ -104,11 +105,14 @@ def fit(errors: Iterable[WindowErrors], window_s: float) -> ErrorModel:
     """Fit the model to held-out recordings.
 
     With few recordings the constant part is cautious: correlations between axes are shrunk by n / (n + 12), and
-    the whole is enlarged by (n + 2) / n, since a covariance from n recordings is itself uncertain.
+    the whole is enlarged by (n + 2) / n, since a covariance from n recordings is itself uncertain. A constant error
+    that is too small to be told from the short-lived one cannot be excluded: the standard error of its variance where
+    there is none is added.
 
     Args:
-        errors: one for each recording; those without a window are left out.
-        window_s: windows closer than this share their error.
+        errors: those without a window are left out; several of one recording (cut in another way, say) share its
+            weight.
+        window_s: windows closer than this share their error; 0 where none do.
 
     Raises:
         ConfigError: fewer than two recordings with windows.
@@ -128,24 +132,27 @@ def fit(errors: Iterable[WindowErrors], window_s: float) -> ErrorModel:
         if change < _TOLERANCE:
             break
     cautious = constant * _off_diagonal(n / (n + _SHRINKAGE)) * (n + 2.0) / n
+    cautious += np.diag(np.sqrt(2.0 / n) * _short_lived_in_means(series, slope, offset))
     return ErrorModel(cautious, np.sqrt(slope), np.sqrt(offset))
 
 
 def _thinned(errors: list[WindowErrors], window_s: float) -> _Series:
-    if len({e.recording for e in errors}) < 2:
-        raise ConfigError(f"{len(errors)} recordings with windows; an error model needs two or more")
+    share = Counter(e.recording for e in errors)
+    if len(share) < 2:
+        raise ConfigError(f"{len(share)} recordings with windows; an error model needs two or more")
     picked: list[tuple[WindowErrors, Stamps, float]] = []
     for e in errors:
-        within = int(np.searchsorted(e.t_ns, e.t_ns[0] + round(window_s * 1e9) - 1_000_000))
+        within = int(np.searchsorted(e.t_ns, e.t_ns[0] + _apart_ns(window_s)))
         firsts = np.unique(np.linspace(0, max(within - 1, 0), _PHASES).astype(int))
-        picked += [(e, _separate(e.t_ns, first, window_s), 1.0 / len(firsts)) for first in firsts.tolist()]
+        weight = 1.0 / len(firsts) / share[e.recording]
+        picked += [(e, _separate(e.t_ns, first, window_s), weight) for first in firsts.tolist()]
     longest = max(len(index) for _, index, _ in picked)
     shape = (len(picked), longest, 6)
     error, variance, there = np.zeros(shape), np.ones(shape), np.zeros(shape[:2], dtype=bool)
     for s, (e, index, _) in enumerate(picked):
         error[s, : len(index)], variance[s, : len(index)] = e.error[index], e.variance[index]
         there[s, : len(index)] = True
-    return _Series(error, variance, there, np.array([w for _, _, w in picked]), len(errors))
+    return _Series(error, variance, there, np.array([w for _, _, w in picked]), len(share))
 
 
 def _off_diagonal(factor: float) -> Floats:
@@ -156,9 +163,14 @@ def _off_diagonal(factor: float) -> Floats:
 def _separate(t_ns: Stamps, first: int, window_s: float) -> Stamps:
     """Indices of windows that do not overlap, from the first on."""
     index = [first]
-    while (k := int(np.searchsorted(t_ns, t_ns[index[-1]] + round(window_s * 1e9) - 1_000_000))) < len(t_ns):
+    while (k := int(np.searchsorted(t_ns, t_ns[index[-1]] + _apart_ns(window_s)))) < len(t_ns):
         index.append(k)
     return np.array(index, dtype=np.int64)
+
+
+def _apart_ns(window_s: float) -> int:
+    """By how much the next window is later at least: a window, but for rounding."""
+    return max(round(window_s * 1e9) - 1_000_000, 1)
 
 
 def _first_guess(series: _Series) -> tuple[Floats, Floats, Floats]:
@@ -175,6 +187,12 @@ def _expected(series: _Series, constant: Floats, slope: Floats, offset: Floats) 
     rest = np.linalg.inv(information)
     mean = (rest @ (precision * series.error).sum(axis=1)[..., None])[..., 0]
     return mean, rest
+
+
+def _short_lived_in_means(series: _Series, slope: Floats, offset: Floats) -> Floats:
+    """(6,) variance of a recording's mean error around its c."""
+    precision = series.there[..., None] / (slope * series.variance + offset)
+    return np.asarray(series.weight @ (1.0 / precision.sum(axis=1)) / series.recordings, dtype=np.float64)
 
 
 def _variances(series: _Series, left: Floats, slope: Floats, offset: Floats) -> tuple[Floats, Floats]:

@@ -15,11 +15,12 @@ from ipnet.motion.source import MotionPrior
 from ipnet.motion.store import MotionCard
 from ipnet.recordings import Recording
 from ipnet.runs import Span, cut, listen
+from navcore.arrays import Floats
 from navcore.imu import ImuNoise
 
 Progress = Callable[[int, int], None]
 """Gets the number of recordings done and of all."""
-_SPAN_S = 62.0  # runs by which errors are found: long enough for the longest window
+_SPANS_S = (42.0, 62.0)  # lengths of the runs by which errors are found: of some starts, and for the longest window
 _MANY = 12  # recordings that suffice to find errors by
 _PLAIN = ErrorModel(np.zeros((6, 6)), np.ones(6), np.zeros(6))
 
@@ -30,7 +31,8 @@ def learn(
     """A model of the training recordings, and what is wrong with its statements.
 
     That is found on the validation recordings and, where there are fewer than 12 of them, on the training recordings
-    too, each by a model of all others.
+    too, each by a model of all others. What is held against the truth is what a run's statements amount to together,
+    since windows overlap: each alone may be right and all together too sure.
 
     Raises:
         LabelError: fewer than three recordings to learn from, or too little motion in them.
@@ -43,10 +45,10 @@ def learn(
     judges += [(replace(_card([r for r in training if r is not own]), R_FB=plain.R_FB), own) for own in left_out]
     errors = []
     for done, (card, recording) in enumerate(judges, 1):
-        errors += [_errors(card, span) for span in _spans(recording)]
+        errors += [_errors(card, recording, seconds) for seconds in _SPANS_S]
         if progress is not None:
             progress(done, len(judges))
-    found = fit_errors(errors, MotionPrior(plain, plain.noise).window_s)
+    found = fit_errors(errors, 0.0)
     return replace(plain, errors=found, validation=tuple(recording.name for _, recording in judges))
 
 
@@ -61,15 +63,21 @@ def _card(recordings: ListLike[Recording]) -> MotionCard:
     return MotionCard(model, noise, R_FB, _PLAIN, names, (), made)
 
 
-def _spans(recording: Recording) -> list[Span]:
-    seconds = (recording.imu.t_ns[-1] - recording.imu.t_ns[0]) * 1e-9
-    return cut([recording], _SPAN_S if seconds >= _SPAN_S else None)
+def _errors(card: MotionCard, recording: Recording, seconds: float) -> WindowErrors:
+    """Of estimates over runs of about that length, in the card's axes; one row for each."""
+    whole = float(recording.imu.t_ns[-1] - recording.imu.t_ns[0]) * 1e-9
+    spans = cut([recording], seconds if whole >= seconds else None)
+    rows = {span.end_ns: row for span in spans if (row := _over_run(card, span)) is not None}
+    error, variance = (np.array([row[k] for row in rows.values()]).reshape(-1, 6) for k in (0, 1))
+    return WindowErrors(recording.name, np.array(list(rows), dtype=np.int64), error, variance)
 
 
-def _errors(card: MotionCard, span: Span) -> WindowErrors:
-    """In the card's axes."""
+def _over_run(card: MotionCard, span: Span) -> tuple[Floats, Floats] | None:
+    """(6,) error and stated variance of all statements together, weighted by what they state; None without any."""
     said = listen(MotionPrior(card, span.noise), span).measurements
-    t_ns = np.array([z.t_ns for z in said], dtype=np.int64)
-    wrong = np.array([z.vector for z in said]).reshape(-1, 6) - span.bias_at(t_ns)
-    variance = [np.diagonal(card.R6 @ z.covariance @ card.R6.T) for z in said]
-    return WindowErrors(span.recording, t_ns, wrong @ card.R6.T, np.array(variance).reshape(-1, 6))
+    if not said:
+        return None
+    wrong = np.array([z.vector for z in said]) - span.bias_at(np.array([z.t_ns for z in said], dtype=np.int64))
+    weight = 1.0 / np.array([np.diagonal(card.R6 @ z.covariance @ card.R6.T) for z in said])  # (N, 6)
+    variance = 1.0 / weight.sum(axis=0)
+    return variance * (weight * (wrong @ card.R6.T)).sum(axis=0), variance

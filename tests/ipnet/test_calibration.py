@@ -46,6 +46,23 @@ def test_windows_that_overlap_count_once():
     np.testing.assert_allclose(np.sqrt(model.variance(np.full(6, 4e-4))), SCALE * 0.02, rtol=0.1)
 
 
+def test_what_is_told_again_is_no_recording_more():
+    """Each recording cut in three ways: as certain as cut in one."""
+    errors = drawn(np.random.default_rng(7), 5)
+    once, thrice = fit(errors, 5.0), fit([e for e in errors for _ in range(3)], 5.0)
+    np.testing.assert_allclose(thrice.constant, once.constant, rtol=1e-6)
+    np.testing.assert_allclose(thrice.variance(np.full(6, 4e-4)), once.variance(np.full(6, 4e-4)), rtol=1e-6)
+
+
+def test_a_constant_error_that_was_not_seen_is_not_excluded():
+    """Ten recordings of errors without a constant part, of sd 0.1 in the mean of four windows."""
+    t_ns = np.arange(4) * 5_000_000_000
+    rng = np.random.default_rng(8)
+    errors = [WindowErrors(f"r{k}", t_ns, rng.normal(0.0, 0.2, (4, 6)), np.full((4, 6), 0.04)) for k in range(10)]
+    sd = np.sqrt(np.diagonal(fit(errors, 0.0).constant))
+    assert np.all((sd > 0.05) & (sd < 0.12))
+
+
 def test_stated_variances_that_never_differ_are_scaled():
     errors = [WindowErrors(e.recording, e.t_ns, e.error, np.ones((12, 6))) for e in drawn(np.random.default_rng(4), 50)]
     model = fit(errors, 5.0)
