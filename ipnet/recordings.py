@@ -92,9 +92,12 @@ def open_recordings(paths: Iterable[Path], labels: Path | None = None, labels_fi
         labels_first: a recording that has a label goes by it, also if its truth has biases.
 
     Raises:
-        LabelError: a path holds no recording, or a recording has neither true biases nor a label.
+        LabelError: a path holds no recording, a recording has neither true biases nor a label, or labels come first
+            and there are none.
         DataError: a recording cannot be read.
     """
+    if labels_first and labels is None:
+        raise LabelError("labels come first, but none are given; expected a file that `python -m ipnet label` wrote")
     known = read_labels(labels) if labels is not None else {}
     folders = [folder for path in paths for folder in find(path)]
     return [labelled(open_sequence(folder), known.get(folder.name), labels_first) for folder in folders]

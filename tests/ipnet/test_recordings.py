@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ipnet.errors import LabelError
-from ipnet.recordings import Label, labelled
+from ipnet.recordings import Label, labelled, open_recordings
 from navcore.calibration import Calibration
 from navcore.imu import ImuNoise, ImuSamples
 from navcore.sequence import Sequence
@@ -46,3 +46,5 @@ def test_labels_can_be_asked_first():
     assert found.truth is not None and len(found.truth) == 11
     without = labelled(sequence(TRUE[:, :3], TRUE[:, 3:]), None, labels_first=True)
     np.testing.assert_allclose(without.bias_at(T_NS), TRUE)
+    with pytest.raises(LabelError, match="labels come first, but none are given"):
+        open_recordings([], None, labels_first=True)
