@@ -12,13 +12,29 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from ipnet.errors import IpnetError, LabelError
-from ipnet.labels import LabelConfig, SolvedLabel, good_path, label, read_rows, row, write_rows
+from ipnet.labels import GoodPath, LabelConfig, SolvedLabel, good_path, label, read_rows, row, write_rows
+from ipnet.recordings import Label as KnownLabel
 from ipnet.recordings import find, read_labels, true_bias
 from navcore.arrays import Floats
 from navcore.errors import NavcoreError
 from navcore.readers import open_sequence
 from navcore.sequence import Sequence
 from navcore.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A label, what it is compared with (6,) and with what covariance, and the CPU seconds that it took."""
+
+    solved: SolvedLabel
+    true: Floats | None
+    covariance: Floats
+    seconds: float
+
+    @property
+    def off(self) -> Floats | None:
+        """(6,) the label less that."""
+        return None if self.true is None else self.solved.label.bias - self.true
 
 
 @dataclass(frozen=True)
@@ -42,7 +58,7 @@ class Label:
         rows = {r["sequence"]: r for r in read_rows(self.out)} if self.out is not None else {}
         known = read_labels(self.against) if self.against is not None else {}
         folders = [folder for path in self.paths for folder in find(path)]
-        found: list[tuple[SolvedLabel, Floats | None, float]] = []
+        found: list[_Found] = []
         failed: list[str] = []
         with threadpool_limits(1):
             for folder in track(folders, "labelling", console=console):
@@ -52,8 +68,7 @@ class Label:
                     begun = time.process_time()
                     solved = label(sequence, self.config, path)
                     seconds = time.process_time() - begun
-                    other = known.get(sequence.name)
-                    found.append((solved, true_bias(sequence.truth) if other is None else other.bias, seconds))
+                    found.append(_compared(solved, sequence, known.get(sequence.name), seconds))
                     rows[sequence.name] = row(solved, sequence, self.source, _kind(sequence, path))
                 except (IpnetError, NavcoreError) as error:
                     failed.append(str(error) if str(folder) in str(error) else f"{folder}: {error}")
@@ -69,10 +84,10 @@ class Label:
         if self.figure is not None:
             from ipnet.labels.figure import draw
 
-            draw(self.figure, [(x.label, true) for x, true, _ in found if true is not None])
+            draw(self.figure, [(x.solved.label, x.true) for x in found if x.true is not None])
             console.print(f"drew {self.figure}", highlight=False)
 
-    def _path(self, name: str, recordings: int) -> Trajectory | None:
+    def _path(self, name: str, recordings: int) -> GoodPath | None:
         if self.trajectory is None:
             return None
         named = self.trajectory / name
@@ -81,10 +96,17 @@ class Label:
         return good_path(named if named.is_dir() else self.trajectory)
 
 
-def _kind(sequence: Sequence, path: Trajectory | None) -> str:
+def _compared(solved: SolvedLabel, sequence: Sequence, other: KnownLabel | None, seconds: float) -> _Found:
+    covariance = solved.label.covariance
+    if other is None:
+        return _Found(solved, true_bias(sequence.truth), covariance, seconds)
+    return _Found(solved, other.bias, covariance + other.covariance, seconds)
+
+
+def _kind(sequence: Sequence, path: GoodPath | None) -> str:
     """What a label rests on, in words."""
     if path is not None:
-        return f"a filter's path where it rates it good, {_rate(path):.0f} Hz"
+        return f"a filter's path where it rates it good, {_rate(path.poses):.0f} Hz"
     truth = sequence.truth
     assert truth is not None
     return f"poses of the recording's truth, {_rate(truth):.0f} Hz"
@@ -94,32 +116,41 @@ def _rate(path: Trajectory) -> float:
     return 1e9 / float(np.median(np.diff(path.t_ns))) if len(path) > 1 else 0.0
 
 
-def _table(found: list[tuple[SolvedLabel, Floats | None, float]]) -> Table:
+def _table(found: list[_Found]) -> Table:
     table = Table(
-        title="labels ± standard deviations; errors are against the mean of the true biases, or the labels of --against"
+        title="labels ± standard deviations; errors are against the mean of the true biases, or the labels of "
+        "--against, and their rms over axes in standard deviations of both"
     )
-    for name in ("recording", "b_g [mrad/s]", "b_a [m/s^2]", "error b_g", "error b_a", "tilt [deg]", "offset [ms]"):
+    for name in ("recording", "b_g [mrad/s]", "b_a [m/s^2]", "error b_g", "error b_a", "in sd", "tilt [deg]"):
         table.add_column(name)
+    table.add_column("offset [ms]")
     for name in ("segments", "left out", "rms gyro [mrad/s]", "rms acc. [m/s^2]", "CPU [s]"):
         table.add_column(name, justify="right")
-    for solved, true, seconds in found:
+    for x in found:
+        solved, off = x.solved, x.off
         bias, sigma = solved.label.bias, np.sqrt(np.diag(solved.label.covariance))
-        off = None if true is None else bias - true
         table.add_row(
             solved.label.sequence,
             _numbers(1e3 * bias[:3], 1e3 * sigma[:3], 3),
             _numbers(bias[3:], sigma[3:], 4),
             "" if off is None else _numbers(1e3 * off[:3], None, 3),
             "" if off is None else _numbers(off[3:], None, 4),
+            "" if off is None else " ".join(f"{size:.1f}" for size in _in_sd(off, x.covariance)),
             "" if solved.tilt is None else _numbers(np.rad2deg(solved.tilt.value), np.rad2deg(solved.tilt.sigma), 2),
             "" if solved.offset is None else _numbers(1e3 * solved.offset.value, 1e3 * solved.offset.sigma, 1),
             str(solved.segments),
             str(solved.left_out),
             f"{1e3 * solved.rms[0]:.2f}",
             f"{solved.rms[1]:.3f}",
-            f"{seconds:.2f}",
+            f"{x.seconds:.2f}",
         )
     return table
+
+
+def _in_sd(off: Floats, covariance: Floats) -> list[float]:
+    """Of the gyroscope's error and of the accelerometer's."""
+    halves = (slice(0, 3), slice(3, 6))
+    return [float(np.sqrt(off[h] @ np.linalg.solve(covariance[h, h], off[h]) / 3.0)) for h in halves]
 
 
 def _numbers(values: Floats, sigmas: Floats | None, digits: int) -> str:

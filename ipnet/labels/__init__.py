@@ -1,7 +1,17 @@
 """Labels: the one bias of a recording under which its preintegrated IMU meets the truth."""
 
 from ipnet.labels.files import read_rows, row, write_rows
-from ipnet.labels.filter_run import good_path
+from ipnet.labels.filter_run import GoodPath, good_path
 from ipnet.labels.label import LabelConfig, Measured, SolvedLabel, label
 
-__all__ = ["LabelConfig", "Measured", "SolvedLabel", "good_path", "label", "read_rows", "row", "write_rows"]
+__all__ = [
+    "GoodPath",
+    "LabelConfig",
+    "Measured",
+    "SolvedLabel",
+    "good_path",
+    "label",
+    "read_rows",
+    "row",
+    "write_rows",
+]

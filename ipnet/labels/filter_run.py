@@ -1,12 +1,13 @@
 """A filter's own path in place of the truth, where the filter rates it good: labels without motion capture."""
 
 import csv
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ipnet.errors import LabelError
-from navcore.arrays import Mask, Stamps
+from navcore.arrays import Floats, Mask, Stamps, frozen
 from navcore.odometry import Health
 from navcore.results import read_run
 from navcore.results.folder import FRAMES
@@ -20,7 +21,27 @@ FEWEST_FEATURES = 20
 """And those of frames in which fewer features were followed."""
 
 
-def good_path(folder: Path) -> Trajectory:
+@dataclass(frozen=True)
+class GoodPath:
+    """The good poses of a run, and what they lean on.
+
+    A filter's poses do not err each by itself: its attitude leans as far as its accelerometer bias is wrong, and
+    turns as its gyro bias is. IMU and path then agree about that wrong bias in every segment, and no number of
+    segments averages it out. So a label is no surer than the filter was.
+
+    Attributes:
+        poses: causal.
+        sigma: (6,) rms over them of the standard deviations that the filter gave its b_g [rad/s] and b_a [m/s^2].
+    """
+
+    poses: Trajectory
+    sigma: Floats
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sigma", frozen("sigma", self.sigma, np.float64, (6,)))
+
+
+def good_path(folder: Path) -> GoodPath:
     """The causal poses of a run, less those that its filter rates poor.
 
     Args:
@@ -30,7 +51,7 @@ def good_path(folder: Path) -> Trajectory:
         DataError: it holds no run.
         LabelError: its frames cannot be read, or none is good.
     """
-    path = read_run(folder).trajectory
+    run = read_run(folder)
     t_ns, tracking, tracked = _frames(folder / FRAMES)
     good = tracking & (tracked >= FEWEST_FEATURES)
     if tracking.any():
@@ -38,13 +59,13 @@ def good_path(folder: Path) -> Trajectory:
         poor = t_ns[~tracking & (t_ns > first)]
         before = np.concatenate([[-(2**62)], poor])[np.searchsorted(poor, t_ns, side="right")]
         good &= (t_ns - first >= START_UP_S * 1e9) & (t_ns - before >= AFTER_LOSS_S * 1e9)
-    kept = path[np.isin(path.t_ns, t_ns[good])]
-    if len(kept) == 0:
+    kept = np.isin(run.trajectory.t_ns, t_ns[good])
+    if not kept.any():
         raise LabelError(
-            f"{folder}: none of {len(path)} poses is good: {START_UP_S:g} s after the start, {AFTER_LOSS_S:g} s "
+            f"{folder}: none of {len(kept)} poses is good: {START_UP_S:g} s after the start, {AFTER_LOSS_S:g} s "
             f"after a loss, with {FEWEST_FEATURES} features or more"
         )
-    return kept
+    return GoodPath(run.trajectory[kept], np.sqrt(np.mean(run.sigma[kept] ** 2, axis=0)))
 
 
 def _frames(path: Path) -> tuple[Stamps, Mask, Stamps]:

@@ -8,6 +8,7 @@ import numpy as np
 from ipnet.errors import ConfigError, LabelError
 from ipnet.labels import errors as err
 from ipnet.labels.equations import OFFSET_UNIT_S, gyro_equations, turn_columns
+from ipnet.labels.filter_run import GoodPath
 from ipnet.labels.nodes import choose_nodes
 from ipnet.labels.solvers import SOLVERS, Block, Problem
 from ipnet.recordings import Label
@@ -15,7 +16,6 @@ from navcore import so3
 from navcore.arrays import Floats, Vectors, frozen
 from navcore.imu import GRAVITY
 from navcore.sequence import Sequence
-from navcore.trajectory import Trajectory
 
 SolverName = Literal["gauss-newton", "adam", "per-moment"]
 _TURN_SIGMA = np.deg2rad(1.0)  # how far a truth's body can be thought to be turned against the IMU
@@ -78,19 +78,19 @@ class SolvedLabel:
     span_ns: tuple[int, int]
 
 
-def label(sequence: Sequence, config: LabelConfig | None = None, path: Trajectory | None = None) -> SolvedLabel:
+def label(sequence: Sequence, config: LabelConfig | None = None, path: GoodPath | None = None) -> SolvedLabel:
     """The one bias under which a recording's IMU meets its truth.
 
     Args:
         sequence: with truth, unless there is a path.
         config: settings.
-        path: of the body, in place of the truth.
+        path: a filter's, in place of the truth.
 
     Raises:
         LabelError: there is no truth, or too little of it.
     """
     config = config or LabelConfig()
-    truth = sequence.truth if path is None else path
+    truth = sequence.truth if path is None else path.poses
     if truth is None:
         raise LabelError(f"{sequence.name}: has no truth; expected one, or a filter's path in its place")
     try:
@@ -102,6 +102,8 @@ def label(sequence: Sequence, config: LabelConfig | None = None, path: Trajector
     turn = _turn(problem, gyro)
     inside = sequence.imu.between(*nodes.span_ns)
     covariance = _covariance(gyro, accel, inside.accel.mean(axis=0) - accel.x[:3], turn)
+    if path is not None:
+        covariance += np.diag(path.sigma**2)
     found = Label(sequence.name, np.concatenate([gyro.x, accel.x[:3]]), covariance)
     extra = Measured(accel.x[3:], np.sqrt(np.diag(accel.covariance))[3:])
     return SolvedLabel(

@@ -50,6 +50,20 @@ def test_labels_of_other_recordings_stay(flights, tmp_path):
     assert [r["sequence"] for r in json.loads(out.read_text())] == ["flight0", "flight1"]
 
 
+def test_errors_against_other_labels_are_in_standard_deviations_of_both(flights, tmp_path):
+    out = tmp_path / "labels.json"
+    Label((flights / "flight0",), out).run(console())
+    rows = json.loads(out.read_text())
+    covariance = np.array(rows[0]["covariance"])
+    step = np.sqrt(np.diag(covariance))  # nearly uncorrelated: each half is off by one standard deviation
+    rows[0]["b_g"] = (rows[0]["b_g"] - 2.0 * step[:3]).tolist()
+    rows[0]["covariance"] = (3.0 * covariance).tolist()  # four in all
+    other, said = tmp_path / "other.json", console()
+    other.write_text(json.dumps(rows))
+    Label((flights / "flight0",), out, against=other).run(said)
+    assert "1.0 0.0" in said.export_text()
+
+
 def test_what_cannot_be_done_is_said(flights, tmp_path):
     with pytest.raises(LabelError, match="no PATH"):
         Label((), tmp_path / "x.json").run(console())
