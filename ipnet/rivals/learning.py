@@ -9,12 +9,13 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ipnet.calibration import fit
+from ipnet import device
+from ipnet.calibration import ErrorModel, fit
 from ipnet.dataset import Track, open_tracks
 from ipnet.export import OPSET
 from ipnet.model import BiasNetwork
 from ipnet.presets import TrainingConfig
-from ipnet.recordings import open_recordings
+from ipnet.recordings import Label, open_recordings
 from ipnet.rivals.learned import ONNX, LearnedPrior, RivalCard
 from ipnet.rivals.networks import CONFIG, STEP, Corrector, Recursive, increment_loss
 from ipnet.runs import Span, cut, listen
@@ -25,6 +26,8 @@ from navcore.arrays import Floats
 
 RUN_S = 30.0
 """Length of the runs that calibration hears."""
+FEW = 12
+"""Fewer validation recordings show nothing of what their device's biases do from day to day."""
 
 
 @dataclass(frozen=True)
@@ -123,9 +126,21 @@ def _ship(
     training, validation = (tuple(t.name for t in part) for part in (lessons.training, lessons.validation))
     made = {"seed": lessons.seed, "config": vars(lessons.config)}
     card = RivalCard(grid, start, uncalibrated(), training, validation, made)
-    runs = [listen(LearnedPrior(out, card), span) for span in lessons.spans]
-    errors = [replace(run.errors, recording=f"{run.span.recording} {k}") for k, run in enumerate(runs)]
-    replace(card, errors=fit(errors, runs[0].window_s)).write(out)
+    replace(card, errors=calibrate(lessons, out, card)).write(out)
+
+
+def calibrate(lessons: Lessons, folder: Path, card: RivalCard) -> ErrorModel:
+    """What is wrong with the statements of the weights in a folder, on runs of the validation recordings.
+
+    Such networks can remember their device. How wrong a memory is shows on other days; few validation recordings are
+    often of the same. So with few the constant error is widened by what the device prior allows for the next recording.
+    """
+    runs = [listen(LearnedPrior(folder, replace(card, errors=uncalibrated())), span) for span in lessons.spans]
+    found = fit([replace(r.errors, recording=f"{r.span.recording} {k}") for k, r in enumerate(runs)], runs[0].window_s)
+    if len(lessons.validation) >= FEW:
+        return found
+    labels = [Label(t.name, t.bias.mean(axis=0), 1e-12 * np.eye(6)) for t in lessons.training]
+    return replace(found, constant=found.constant + device.learn(labels).covariance)
 
 
 def _export(network: nn.Module, inputs: dict[str, Tensor], path: Path) -> None:

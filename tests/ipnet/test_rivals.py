@@ -5,11 +5,14 @@ import pytest
 import torch
 
 from ipnet.dataset import Track
+from ipnet.device import learn
 from ipnet.errors import ConfigError
 from ipnet.preintegration import preintegrate
 from ipnet.presets import TrainingConfig
 from ipnet.recordings import Label, Recording
-from ipnet.rivals.learning import Lessons, learn_corrector, learn_recursive
+from ipnet.rivals import learning
+from ipnet.rivals.learned import RivalCard
+from ipnet.rivals.learning import Lessons, calibrate, learn_corrector, learn_recursive
 from ipnet.rivals.networks import CONFIG, STEP, Corrector, Recursive, increment_loss, integrate
 from ipnet.runs import cut
 from navcore.imu import GRAVITY, ImuNoise, ImuSamples
@@ -89,10 +92,22 @@ def test_what_runs_is_what_was_trained(lessons, tmp_path, monkeypatch):
         assert np.linalg.eigvalsh(source.constant_covariance).min() > 0.0
 
 
+def test_a_memory_is_no_surer_than_the_device_prior_where_few_recordings_calibrate(lessons, tmp_path, monkeypatch):
+    monkeypatch.setattr(learning, "train", lambda network, *_, **__: shaken(network))
+    learn_recursive(lessons, tmp_path)
+    card = RivalCard.read(tmp_path)
+    labels = [Label(t.name, t.bias.mean(axis=0), np.eye(6)) for t in lessons.training]
+    few = calibrate(lessons, tmp_path, card)
+    monkeypatch.setattr(learning, "FEW", len(lessons.validation))
+    many = calibrate(lessons, tmp_path, card)
+    np.testing.assert_allclose(few.constant - many.constant, learn(labels).covariance, atol=1e-12)
+    np.testing.assert_array_equal(card.errors.constant, few.constant)
+
+
 def test_both_train(lessons, tmp_path):
-    for learn in (learn_recursive, learn_corrector):
-        out = tmp_path / learn.__name__
-        learn(lessons, out)
+    for teach in (learn_recursive, learn_corrector):
+        out = tmp_path / teach.__name__
+        teach(lessons, out)
         assert (out / "card.json").is_file()
         assert (out / "log" / "csv" / "version_0" / "metrics.csv").read_text().count("\n") >= 2
 
