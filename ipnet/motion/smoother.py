@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ipnet.motion.chain import Chain
-from ipnet.motion.intervals import BIAS, FEATURES, GRAV, NODE, RATE, SPEED, Intervals
+from ipnet.motion.intervals import BIAS, FEATURES, FORCE, GRAV, NODE, RATE, SPEED, Intervals
 from ipnet.motion.model import EFFECTS, ROWS, MotionModel
 from navcore.arrays import Floats, Stamps
 from navcore.imu import GRAVITY, ImuNoise, ImuSamples
@@ -58,13 +58,27 @@ class Smoother:
         Args:
             samples: cover the edges.
             edges_ns: (N + 1,) N two or more.
-            start: (6,) biases to begin with.
+            start: (6,) biases to begin with, where something is known.
 
         Returns:
             None where nothing can be said: too much of it is not the platform's own motion, or no motion of the
             platform fits.
         """
-        bias = np.tile(np.zeros(6) if start is None else start, (len(edges_ns), 1))
+        starts = self._starts(samples.between(int(edges_ns[0]), int(edges_ns[-1]))) if start is None else [start]
+        found = [inferred for s in starts if (inferred := self._infer_from(s, samples, edges_ns)) is not None]
+        return min(found, key=lambda inferred: inferred.cost, default=None)
+
+    def _starts(self, samples: ImuSamples) -> list[Floats]:
+        """The mean rate, and the same without what is about the usual force: a rover that turns all the time, say.
+
+        From far off a wrong minimum is found; these two are wrong at different times.
+        """
+        rate, usual = samples.gyro.mean(axis=0), self.model.mean[FORCE]
+        across = rate - usual * (usual @ rate) / (usual @ usual)
+        return [np.append(rate, np.zeros(3)), np.append(across, np.zeros(3))]
+
+    def _infer_from(self, start: Floats, samples: ImuSamples, edges_ns: Stamps) -> Inferred | None:
+        bias = np.tile(start, (len(edges_ns), 1))
         base = Intervals.of(samples, edges_ns, bias[:-1, :3], bias[:-1, 3:], self.noise)
         if np.mean(self.model.applies(base) | (base.still[1:] & base.still[:-1])) < _LEAST_KNOWN:
             return None

@@ -1,12 +1,11 @@
 import json
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from eval import benchmark, images
+from eval.__main__ import main
 from eval.benchmark import Benchmark
 from eval.cells import Study
 from eval.errors import StudyError
@@ -135,10 +134,10 @@ def test_images_are_those_of_the_same_benchmark_on_disk(folder, tmp_path):
         np.testing.assert_array_equal(a.images[0].load(), b.images[0].load())
 
 
-def test_the_study_runs_and_its_report_shows_the_recordings(folder, tmp_path):
+def test_the_study_runs_and_its_report_shows_the_recordings(folder, scheduler, tmp_path):
     plan, _ = Benchmark(SPEC, (folder / "one", folder / "two"), ("low_light-*",)).study(tmp_path)
     fakes = tuple(replace(c, estimator="tests.eval.fakes:make") for c in plan.cells)
-    outcome = run_study(Study(plan.name, fakes), tmp_path, workers=1)
+    outcome = run_study(Study(plan.name, fakes), tmp_path, scheduler=scheduler)
     assert not outcome.failures and not outcome.missing and not outcome.errors
     conditions = 1 + 3  # the clean recording is run once for both regimes
     assert len(list((tmp_path / "cells").iterdir())) == 2 * conditions + conditions
@@ -166,17 +165,9 @@ def test_what_cannot_be_run_is_named(folder, tmp_path):
         Benchmark(SPEC, (tmp_path / "blind",)).study(tmp_path)
 
 
-def test_the_command_says_what_is_wrong(folder, tmp_path):
-    command = [
-        sys.executable,
-        "-m",
-        "eval",
-        "benchmark",
-        str(folder / "one"),
-        "--cell",
-        "fog-9",
-        "--out",
-        str(tmp_path),
-    ]
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert result.returncode == 1 and "error: cell 'fog-9' is not in v1" in result.stderr
+def test_the_command_says_what_is_wrong(folder, tmp_path, monkeypatch, capsys):
+    wrong = ["benchmark", str(folder / "one"), "--cell", "fog-9", "--out", str(tmp_path)]
+    monkeypatch.setattr("sys.argv", ["python -m eval", *wrong])
+    with pytest.raises(SystemExit, match="1"):
+        main()
+    assert "error: cell 'fog-9' is not in v1" in capsys.readouterr().err

@@ -2,8 +2,6 @@ import io
 import json
 import re
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +10,7 @@ import pytest
 from rich.console import Console
 
 from eval import figures, pngs
+from eval.__main__ import main
 from eval.cells import Study
 from eval.errors import StudyError
 from eval.outcome import load
@@ -23,13 +22,13 @@ from tests.eval.test_study import cell
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def folder(scheduler, tmp_path_factory):
     """A study of seven seeds; `better` has half the errors, one cell of it raises."""
     folder = tmp_path_factory.mktemp("study")
     cells = [cell(s, "none", draw=s) for s in range(1, 8)]
     cells += [cell(s, "better", draw=50 + s, scale=0.5) for s in range(1, 7)]
     cells.append(cell(7, "better", fail="<b>no luck</b>"))
-    run_study(Study("Tiny & fake", tuple(cells)), folder, workers=1)
+    run_study(Study("Tiny & fake", tuple(cells)), folder, scheduler=scheduler)
     return folder
 
 
@@ -113,17 +112,18 @@ def test_terminal_tables_show_brackets(folder):
     assert "ATE [m]" in console.export_text()
 
 
-def test_the_report_command_writes_it_again_and_its_exit_says_that_a_cell_failed(folder, tmp_path):
+def test_the_report_command_writes_it_again_and_its_exit_says_that_a_cell_failed(folder, tmp_path, monkeypatch, capsys):
     copy = tmp_path / "copy"
     shutil.copytree(folder, copy)
     (copy / "report.html").unlink(missing_ok=True)
-    command = [sys.executable, "-m", "eval", "report", str(copy)]
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert result.returncode == 1 and "no luck" in result.stdout
+    monkeypatch.setattr("sys.argv", ["python -m eval", "report", str(copy)])
+    assert main() == 1 and "no luck" in capsys.readouterr().out
     assert (copy / "report.html").is_file()
     (copy / "study.json").unlink()
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert result.returncode == 1 and "error:" in result.stderr and "study.json" in result.stderr
+    with pytest.raises(SystemExit, match="1"):
+        main()
+    said = capsys.readouterr().err
+    assert "error:" in said and "study.json" in said
 
 
 def test_a_folder_without_a_study_is_named(tmp_path):
@@ -138,10 +138,10 @@ def leveled(seed, arm, condition, level, draw):
     return replace(cell(seed, arm, draw=draw), regime="outage", condition=condition, level=level, axis="length [s]")
 
 
-def test_conditions_stand_on_their_axis_in_order_and_arms_have_room(tmp_path):
+def test_conditions_stand_on_their_axis_in_order_and_arms_have_room(scheduler, tmp_path):
     """Cells of the longer outage come first; in the figure their place decides."""
     cells = [leveled(1, arm, f"{level:g} s", level, 7 * k) for level in (20.0, 5.0) for k, arm in enumerate("ab")]
-    run_study(Study("leveled", tuple(cells), "a"), tmp_path, workers=1)
+    run_study(Study("leveled", tuple(cells), "a"), tmp_path, scheduler=scheduler)
     records = load(tmp_path).records
     figure = figures.ate_by_condition(list(records), ["a", "b"])
     axis = figure["layout"]["xaxis"]

@@ -39,10 +39,10 @@ def test_a_result_is_named_by_everything_that_decides_it():
         cell(scale=np.zeros(3)).key(MADE_WITH)
 
 
-def test_cells_that_ask_the_same_share_a_result_and_keep_their_names(tmp_path):
+def test_cells_that_ask_the_same_share_a_result_and_keep_their_names(scheduler, tmp_path):
     cells = (cell(), replace(cell(), regime="other", condition="level 2", level=2.0, axis="x"), cell(2))
     seen = []
-    outcome = run_study(Study("shared", cells), tmp_path, workers=1, progress=seen.append)
+    outcome = run_study(Study("shared", cells), tmp_path, scheduler=scheduler, progress=seen.append)
     assert len(list((tmp_path / "cells").iterdir())) == 2
     assert [r.config["regime"] for r in outcome.records] == ["tests", "other", "tests"]
     assert outcome.records[1].config["level"] == 2.0 and "level 2" in outcome.records[1].title
@@ -173,12 +173,12 @@ def test_a_cell_that_raises_is_a_record_with_its_message(tmp_path):
     assert found.failure is not None and "'nonsense' is unknown" in found.failure
 
 
-def test_a_cell_that_cannot_be_run_is_no_result(tmp_path):
+def test_a_cell_that_cannot_be_run_is_no_result(scheduler, tmp_path):
     unknown = replace(cell(), estimator="nonsense")
     with pytest.raises(StudyError, match="unknown"):
         run_cell(unknown, MADE_WITH, tmp_path)
     assert not (tmp_path / "cells").exists()
-    outcome = run_study(Study("unknown", (cell(), unknown)), tmp_path, workers=1)
+    outcome = run_study(Study("unknown", (cell(), unknown)), tmp_path, scheduler=scheduler)
     assert len(outcome.records) == 1 and outcome.missing == (unknown.title,)
     assert len(outcome.errors) == 1 and "'nonsense' is unknown" in outcome.errors[0]
 
@@ -219,6 +219,7 @@ def test_unknown_estimators_are_named():
 
 
 def test_a_study_runs_once_and_only_once(tmp_path):
+    """In a process of its own, as studies do without a scheduler."""
     study = Study("tiny", tuple(cell(seed, arm, draw=len(arm)) for seed in (1, 2) for arm in ("none", "other")))
     seen = []
     first = run_study(study, tmp_path, workers=1, progress=lambda now: seen.append((now.cells, now.all_cells)))
