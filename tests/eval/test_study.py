@@ -15,7 +15,7 @@ from eval.outcome import load
 from eval.records import Record
 from eval.study import run_study
 from eval.versions import versions
-from eval.work import check_priors, load_estimator, resolved, run_cell
+from eval.work import check_priors, load_estimator, resolved, run_cell, run_cells
 from navcore.errors import NavcoreError
 from tests.eval.fakes import FakeFlight
 
@@ -245,7 +245,7 @@ def killed_study(folder):
 
 
 def test_a_study_that_was_killed_goes_on(tmp_path):
-    """A cell kills its process hard; the next start runs only what is missing."""
+    """A cell kills its process hard; the next one runs only what is missing."""
     made_with = {"code": "1"}
     cells = killed_study(tmp_path).cells
     script = (
@@ -253,12 +253,11 @@ def test_a_study_that_was_killed_goes_on(tmp_path):
         "from tests.eval.test_study import killed_study;"
         "run_cells(killed_study(Path(sys.argv[1])).cells, {'code': '1'}, Path(sys.argv[1]))"
     )
-    command = [sys.executable, "-c", script, str(tmp_path)]
-    killed = subprocess.run(command, env=dict(os.environ), check=False)
+    killed = subprocess.run([sys.executable, "-c", script, str(tmp_path)], env=dict(os.environ), check=False)
     assert killed.returncode == -9
     done = sorted(p.name for p in (tmp_path / "cells").iterdir())
     assert len(done) == 3 and all(name.endswith(".parquet") and name[0] != "." for name in done)
     stamps = {p: p.stat().st_mtime_ns for p in (tmp_path / "cells").iterdir()}
-    subprocess.run(command, env=dict(os.environ), check=True)
+    run_cells(cells, made_with, tmp_path)
     assert all(p.stat().st_mtime_ns == stamp for p, stamp in stamps.items())
     assert records.path_of(tmp_path, cells[3].key(made_with)).is_file()
