@@ -101,7 +101,7 @@ class _Series:
     recordings: int
 
 
-def fit(errors: Iterable[WindowErrors], window_s: float) -> ErrorModel:
+def fit(errors: Iterable[WindowErrors], window_s: float, floors: bool = True) -> ErrorModel:
     """Fit the model to held-out recordings.
 
     With few recordings the constant part is cautious: correlations between axes are shrunk by n / (n + 12), and
@@ -113,6 +113,8 @@ def fit(errors: Iterable[WindowErrors], window_s: float) -> ErrorModel:
         errors: those without a window are left out; several of one recording (cut in another way, say) share its
             weight.
         window_s: windows closer than this share their error; 0 where none do.
+        floors: without them only `scale` is fitted, where rows are of several statements together: their variances
+            scale as one statement's do, floors do not.
 
     Raises:
         ConfigError: fewer than two recordings with windows.
@@ -125,7 +127,7 @@ def fit(errors: Iterable[WindowErrors], window_s: float) -> ErrorModel:
         second = mean[:, :, None] * mean[:, None, :] + rest
         updated = np.einsum("s,sij->ij", series.weight, second) / n * _off_diagonal(n / (n + 1.0))  # never singular
         left = (series.error - mean[:, None]) ** 2 + np.diagonal(rest, axis1=1, axis2=2)[:, None]  # (S, W, 6)
-        slope, offset = _variances(series, left, slope, offset)
+        slope, offset = _variances(series, left, slope, offset, floors)
         sd = np.sqrt(np.diagonal(constant))
         change = np.abs((updated - constant) / np.outer(sd, sd)).max()
         constant = updated
@@ -195,14 +197,14 @@ def _short_lived_in_means(series: _Series, slope: Floats, offset: Floats) -> Flo
     return np.asarray(series.weight @ (1.0 / precision.sum(axis=1)) / series.recordings, dtype=np.float64)
 
 
-def _variances(series: _Series, left: Floats, slope: Floats, offset: Floats) -> tuple[Floats, Floats]:
+def _variances(series: _Series, left: Floats, slope: Floats, offset: Floats, floors: bool) -> tuple[Floats, Floats]:
     """A step of Fisher scoring for left = slope stated + offset on each axis, neither of them negative."""
     weight = (series.weight[:, None] * series.there)[..., None] / (slope * series.variance + offset) ** 2
     v = series.variance
     vv, v1, one = ((weight * x).sum(axis=(0, 1)) for x in (v * v, v, np.ones_like(v)))  # (6,) each
     lv, l1 = (weight * left * v).sum(axis=(0, 1)), (weight * left).sum(axis=(0, 1))
     det = vv * one - v1 * v1
-    apart = det > 1e-3 * vv * one  # stated variances differ enough to tell slope from offset
+    apart = (det > 1e-3 * vv * one) & floors  # stated variances differ enough to tell slope from offset
     safe = np.where(apart, det, 1.0)
     a, b = (lv * one - l1 * v1) / safe, (l1 * vv - lv * v1) / safe
     alone, flat = lv / vv, l1 / one  # with only one of the two

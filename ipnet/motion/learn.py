@@ -48,7 +48,7 @@ def learn(
         errors += [_errors(card, recording, seconds) for seconds in _SPANS_S]
         if progress is not None:
             progress(done, len(judges))
-    found = fit_errors(errors, 0.0)
+    found = fit_errors(errors, 0.0, floors=False)
     return replace(plain, errors=found, validation=tuple(recording.name for _, recording in judges))
 
 

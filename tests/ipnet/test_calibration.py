@@ -39,6 +39,12 @@ def test_a_floor_comes_back():
     np.testing.assert_allclose(model.scale[[1, 3, 4]], SCALE[[1, 3, 4]], rtol=0.15)
 
 
+def test_without_floors_all_is_scaled():
+    model = fit(drawn(np.random.default_rng(2), 100, floor=0.03), 5.0, floors=False)
+    assert np.all(model.floor == 0.0)
+    assert np.all(model.scale > 1.05 * SCALE)
+
+
 def test_windows_that_overlap_count_once():
     """Fourfold copies are no new information: c must not get smaller, nor e."""
     model = fit(drawn(np.random.default_rng(3), 200, windows=6, overlap=4), 5.0)
