@@ -30,10 +30,11 @@ def honest_run(truth: Trajectory, rng: np.random.Generator, inflate: float = 1.0
     recorder = RunRecorder()
     A = rng.normal(size=(15, 15)) * 0.3 + np.eye(15)
     P = (SIGMA[:, None] * A) @ (SIGMA[:, None] * A).T
+    root, R_WB = np.linalg.cholesky(P), truth.R_WB
     for k in range(0, len(truth), 4):
-        e = inflate * rng.multivariate_normal(np.zeros(15), P) if k else np.zeros(15)
+        e = inflate * root @ rng.standard_normal(15) if k else np.zeros(15)
         state = State(
-            R_VW @ truth.R_WB[k] @ so3.exp(-e[:3]),  # R = R_hat Exp(e)
+            R_VW @ R_WB[k] @ so3.exp(-e[:3]),  # R = R_hat Exp(e)
             R_VW @ truth.p_WB[k] + [1.0, 2.0, 3.0] - e[3:6],
             R_VW @ truth.v_WB[k] - e[6:9],
             truth.b_g[k] - e[9:12],
