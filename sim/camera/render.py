@@ -1,5 +1,7 @@
 """Images of a scene through any camera model: fine pinhole renderings, bent through the exact distortion."""
 
+from functools import lru_cache
+
 import cv2
 import mujoco
 import numpy as np
@@ -18,6 +20,17 @@ COARSE = 1.0
 """The same for sub-frames that are averaged, so that their average takes the place of supersampling."""
 
 
+@lru_cache(maxsize=4)
+def atlases_of(camera: Camera) -> dict[float, Atlas]:
+    """By supersampling. They take seconds to make, so those of the last few cameras are kept.
+
+    Raises:
+        RenderError: the camera looks too far backwards.
+    """
+    faces = faces_of(camera)
+    return {fine: Atlas(camera, faces, fine) for fine in (COARSE, FINE)}
+
+
 class SceneCamera:
     """Renders a scene through one camera. Holds an OpenGL context: call `close` when done, or use `with`."""
 
@@ -27,8 +40,7 @@ class SceneCamera:
         Raises:
             RenderError: no OpenGL here, or the camera looks too far backwards.
         """
-        faces = faces_of(camera)
-        self._atlases = {fine: Atlas(camera, faces, fine) for fine in (COARSE, FINE)}
+        self._atlases = atlases_of(camera)
         width, height = (max(getattr(x, side) for x in self._atlases.values()) for side in ("width", "height"))
         self._scene, self._model = scene, scene.model
         self._model.vis.global_.offwidth, self._model.vis.global_.offheight = width, height
