@@ -1,5 +1,6 @@
 """One view under every degradation and severity: a picture to look at."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -7,7 +8,7 @@ import numpy as np
 
 from navcore.arrays import Image
 from navcore.readers import open_sequence
-from navcore.sequence import Sequence
+from navcore.sequence import Frame, ImageArray, Sequence
 from sim.degrade import Schedule, degrade_sequence
 from sim.degrade.schedule import GRADED, MAX_SEVERITY, RENDERED, STREAM
 from sim.errors import ConfigError
@@ -40,7 +41,9 @@ def strip(out: Path, seed: int = 1, recording: Path | None = None) -> None:
         raise ConfigError(f"{out}: expected a name that ends in {' or '.join(_FORMATS)}")
     if recording is not None:
         sequence = open_sequence(recording)
-        rows = [_row(sequence, _fastest(sequence), kind, seed) for kind in _KINDS]
+        index = _fastest(sequence)
+        held = _held(sequence, index)
+        rows = [_row(held, index, kind, seed) for kind in _KINDS]
     else:
         rows = _rendered_rows(seed)
     picture = np.vstack([_heading(rows[0].shape[1]), *rows])
@@ -53,15 +56,23 @@ def _rendered_rows(seed: int) -> list[Image]:
     """Rows of a rendered flight; what the camera does itself is done in frames that follow the one that is shown."""
     with filmed("quadrotor", _SECONDS, seed) as clean:
         index = _fastest(clean)
+        held = _held(clean, index)
         t_s = [(f.t_ns - clean.frames[0].t_ns) * 1e-9 - 1e-3 for f in clean.frames[index : index + MAX_SEVERITY + 2]]
-        rows = {kind: _row(clean, index, kind, seed) for kind in _KINDS if kind not in RENDERED}
-        first = clean.frames[index].images[0].load()
+        rows = {kind: _row(held, index, kind, seed) for kind in _KINDS if kind not in RENDERED}
+        first = held.frames[index].images[0].load()
     for kind in RENDERED:
         spans = (f"{kind}:{k}@{t_s[k]:.4f}-{t_s[k + 1]:.4f}" for k in range(1, MAX_SEVERITY + 1))
         with filmed("quadrotor", _SECONDS, seed, degrade=",".join(spans)) as film:
             frames = film.frames[index + 1 : index + 1 + MAX_SEVERITY]
             rows[kind] = _joined([first, *(frame.images[0].load() for frame in frames)], kind)
     return [rows[kind] for kind in _KINDS]
+
+
+def _held(sequence: Sequence, index: int) -> Sequence:
+    """The recording with one image in memory: it is rendered or read once for all rows."""
+    frames = list(sequence.frames)
+    frames[index] = Frame(frames[index].t_ns, images={0: ImageArray(frames[index].images[0].load())})
+    return replace(sequence, frames=frames)
 
 
 def _row(sequence: Sequence, index: int, kind: str, seed: int) -> Image:

@@ -55,6 +55,7 @@ def test_install_reports_a_failing_apt(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("opengl")
 def test_check_gl_passes_and_strip_draws(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     assert call(monkeypatch, "check-gl") == 0
+    monkeypatch.setattr("sim.strip._SECONDS", 4.0)
     out = tmp_path / "strip.png"
     assert call(monkeypatch, "strip", "--out", str(out)) == 0
     picture = cv2.imread(str(out), cv2.IMREAD_GRAYSCALE)
