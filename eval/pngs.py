@@ -17,6 +17,7 @@ from eval.figures import (
     places,
     spacing,
     statements,
+    wide,
 )
 from eval.paired import Paired, frame, median_interval
 from eval.records import Record
@@ -110,7 +111,7 @@ def save_biases(records: list[Record], arms: list[str], path: Path) -> None:
                 t, value = record.series["t_s"].to_numpy(), record.column(name)[:, row]
                 reach = record.column(f"sigma_d{name}")[:, row]
                 axes.fill_between(t, value - reach, value + reach, color=own, alpha=0.15, lw=0)
-                axes.plot(t, value, color=own, lw=1.2, label=arm)
+                axes.plot(t, value, color=own, lw=1.2 * wide(arm), label=arm)
                 said = statements(record, name, row)
                 if said is not None:
                     axes.errorbar(*said, fmt="o", ms=3, lw=0.7, capsize=1.5, color=own, alpha=0.7)

@@ -1,6 +1,6 @@
 """The figures of a report, as plotly takes them: plain dictionaries of traces and layout."""
 
-from eval.figures.biases import bias_range, biases, drawn_first, statements
+from eval.figures.biases import bias_range, biases, drawn_first, statements, wide
 from eval.figures.conditions import ate_by_condition, places, ratios, spacing
 from eval.figures.health import health
 from eval.figures.look import GROUND_TRUTH, TRUTH_COLOUR, arms_of, colour
@@ -22,4 +22,5 @@ __all__ = [
     "ratios",
     "spacing",
     "statements",
+    "wide",
 ]

@@ -2,13 +2,14 @@
 
 import numpy as np
 
+from eval.arms import BASE
 from eval.figures.look import AXES, GROUND_TRUTH, TRUTH_COLOUR, Figure, arms_of, colour, faint, line, listed, points
 from eval.records import Record
 from navcore.arrays import Floats
 
 _SETTLED = 0.3  # share of a run after which the biases have settled, for the range that a figure shows
 _MOST = (0.1, 0.9)  # quantiles of a source's statements that the range includes
-_FIRST_ARMS = ("none", "ipnet", "motion")
+_FIRST_ARMS = (BASE, "ipnet", "motion")
 
 
 def biases(records: list[Record], arms: list[str]) -> Figure:
@@ -50,6 +51,11 @@ def drawn_first(records: list[Record]) -> list[Record]:
     return chosen if len(chosen) > 1 else records
 
 
+def wide(arm: str) -> float:
+    """How wide a line is beside the others: that of the base is seen below one that covers it."""
+    return 2.5 if arm == BASE else 1.0
+
+
 def bias_range(records: list[Record], name: str, axis: int) -> list[float]:
     """What a figure of a bias shows: the truth, all bands once they have settled, and most of what sources said."""
     lows, highs = [], []
@@ -88,7 +94,7 @@ def _band(record: Record, name: str, axis: int, arms: list[str], shown: bool) ->
     fill = {"fill": "toself", "fillcolor": faint(colour(arm, arms)), "hoverinfo": "skip"}
     return [
         line(arm, listed(outline_t), listed(outline), {"width": 0}, False) | fill,
-        line(arm, listed(t), listed(value), {"color": colour(arm, arms), "width": 1.5}, shown),
+        line(arm, listed(t), listed(value), {"color": colour(arm, arms), "width": 1.5 * wide(arm)}, shown),
     ]
 
 

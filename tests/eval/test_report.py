@@ -184,6 +184,8 @@ def test_biases_show_what_sources_said_beside_the_filter_and_the_truth(folder, t
     assert hidden == {"constant", "truth"}
     shown = {t["name"] for t in figure["data"] if "visible" not in t}
     assert shown == {"none", "ipnet", figures.GROUND_TRUTH}
+    widths = {t["name"]: t["line"]["width"] for t in figure["data"] if t["mode"] == "lines" and t["showlegend"]}
+    assert widths["none"] > 2.0 * widths["ipnet"]  # seen below what covers it
     band = next(t for t in figure["data"] if t.get("fill") and t["name"] == "none")
     known = base.series["b_g_x"].notna()
     sigma = (base.series["b_g_x"] + base.series["sigma_db_g_x"])[known]
