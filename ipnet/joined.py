@@ -1,33 +1,32 @@
 """`ipnet+motion:NAME`: what a network and a motion model say of the same data, as one source.
 
-Both look at the same samples, so their errors are related in a way that nobody knows. Covariance intersection (Julier,
-Uhlmann, "A non-divergent estimation algorithm in the presence of unknown correlations", ACC 1997, eq. 4) needs not know
-it: P^-1 = w A^-1 + (1 - w) B^-1 is consistent for every correlation. As a stream: each statement of the first source is
-told with its covariance divided by w, each of the second with its divided by 1 - w. w, and a factor on all covariances
-(below 1 where the errors are less related than could be), are found on recordings that neither source was made from.
+Both look at the same samples, so their errors are related in a way that nobody knows; added up as if they were not,
+they would be surer than they may be. So each axis is taken from one of them: the one under which truth is more likely
+on recordings that neither was trained on.
 """
 
 import json
 from collections.abc import Iterable
+from collections.abc import Sequence as ListLike
 from dataclasses import asdict, dataclass, replace
-from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ipnet.axes import axes_of
 from ipnet.errors import ConfigError
-from ipnet.fusion import nothing_known
+from ipnet.fusion import SPREAD, nothing_known
 from ipnet.runs import Run, Span, listen
-from navcore.arrays import Floats
+from navcore.arrays import Floats, Mask
 from navcore.imu import ImuSamples
 from navcore.prior import BiasPrior, BiasPriorSource, load_prior
 from navcore.sequence import Sequence
 
 FOLDER = Path(__file__).parent / "joins"
-_SHARES = (0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95)
-_FACTORS = tuple(2.0 ** (0.5 * k) for k in range(-4, 9))
-_TINY = 1e-16  # (1e-8 rad/s)^2: a constant error of exactly zero has no inverse
+PREFIX = "ipnet+motion:"
+_SILENT = 100.0 * np.repeat(SPREAD, 3)
+"""Sd of a statement on an axis of which it does not speak [rad/s, m/s^2]: a hundred times the spread of biases."""
 
 
 @dataclass(frozen=True)
@@ -36,69 +35,75 @@ class Join:
 
     Attributes:
         specs: of the two.
-        share: w, the weight of the first, above 0 and below 1.
-        factor: on all covariances.
-        recordings: by which these were found.
+        force: (3,) direction of the platform's mean specific force, in B.
+        sources: which of the two (0 or 1) speaks of the gyroscope along that force, across it, of the accelerometer
+            along, across.
+        recordings: by which that was chosen.
     """
 
     specs: tuple[str, str]
-    share: float
-    factor: float
+    force: tuple[float, float, float]
+    sources: tuple[int, int, int, int]
     recordings: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        if not (0.0 < self.share < 1.0 and self.factor > 0.0):
-            raise ConfigError(f"share {self.share}, factor {self.factor}; expected 0 < share < 1 and a positive factor")
+        if len(self.specs) != 2 or any(spec.startswith(PREFIX) for spec in self.specs):
+            raise ConfigError(f"{self.specs} are to be joined, expected two sources that are not joined ones")
+        if len(self.sources) != 4 or {*self.sources} - {0, 1}:
+            raise ConfigError(f"sources are {self.sources}, expected four times 0 or 1")
+        self._axes()
 
-    @property
-    def weights(self) -> tuple[float, float]:
-        """Of the two."""
-        return self.share, 1.0 - self.share
+    def _axes(self) -> tuple[Floats, tuple[tuple[int, ...], ...]]:
+        axes = axes_of(",".join(repr(float(x)) for x in self.force), ())
+        return axes.R6, axes.groups
 
-    def constant(self, first: Floats, second: Floats) -> Floats:
-        """(6, 6) covariance of what is constantly wrong with both, from that of each."""
-        parts = [w * np.linalg.inv(c + _TINY * np.eye(6)) for w, c in zip(self.weights, (first, second), strict=True)]
-        joined = self.factor * np.linalg.inv(parts[0] + parts[1])
-        return np.asarray(0.5 * (joined + joined.T), dtype=np.float64)
+    def speaks(self, which: int) -> Mask:
+        """(6,) whether one of the two speaks of each axis along and across the force."""
+        said = np.zeros(6, dtype=bool)
+        for group, source in zip(self._axes()[1], self.sources, strict=True):
+            said[list(group)] = source == which
+        return said
 
-    def told(self, z: BiasPrior, which: int, own: Floats, constant: Floats) -> BiasPrior:
-        """A statement of one of the two, with the short-lived part of its error in the joined source.
+    def constant(self, covariances: ListLike[Floats]) -> Floats:
+        """(6, 6) covariance of what is constantly wrong on each axis, from the (6, 6) of both."""
+        R6, _ = self._axes()
+        said = [np.outer(self.speaks(k), self.speaks(k)) for k in (0, 1)]
+        joined = sum(mask * (R6 @ c @ R6.T) for mask, c in zip(said, covariances, strict=True))
+        return _symmetric(R6.T @ joined @ R6)
 
-        Args:
-            z: the statement.
-            which: 0 or 1.
-            own: (6, 6) of that source's constant error.
-            constant: (6, 6) of the joined source's.
-        """
-        rest = self.factor / self.weights[which] * (z.covariance + own) - constant
-        values, axes = np.linalg.eigh(rest)  # never negative but for rounding: inversion turns order around
-        covariance = (axes * np.maximum(values, 1e-6 * values.max())) @ axes.T
-        return replace(z, covariance=0.5 * (covariance + covariance.T))
+    def told(self, z: BiasPrior, which: int) -> BiasPrior:
+        """A statement of one of the two, as far as it speaks."""
+        R6, said = self._axes()[0], self.speaks(which)
+        own = np.outer(said, said) * (R6 @ z.covariance @ R6.T)
+        return replace(z, covariance=_symmetric(R6.T @ (own + np.diag(np.where(said, 0.0, _SILENT**2))) @ R6))
 
     @staticmethod
     def from_dict(content: dict[str, Any]) -> "Join":
         """From what JSON made of `asdict`.
 
         Raises:
-            ConfigError: a key is missing or unknown.
+            ConfigError: a key is missing or unknown, or a value is not of its kind.
         """
         expected = set(Join.__dataclass_fields__)
-        if set(content) != expected:
+        if not isinstance(content, dict) or set(content) != expected:
             raise ConfigError(f"a join has {sorted(content)}, expected {sorted(expected)}")
-        first, second = content["specs"]
-        return Join((first, second), content["share"], content["factor"], tuple(content["recordings"]))
+        return Join(**{name: tuple(value) for name, value in content.items()})
+
+
+def _symmetric(covariance: Floats) -> Floats:
+    return np.asarray(0.5 * (covariance + covariance.T), dtype=np.float64)
 
 
 class JoinedPrior:
-    """The source: each of the two speaks when it does, and counts for its share.
+    """The source: each of the two speaks when it does, of its axes.
 
     All its statements count (`window_s` is 0): which ones share data, their own sources have accounted for.
     """
 
     def __init__(self, first: BiasPriorSource, second: BiasPriorSource, join: Join) -> None:
         self.window_s = 0.0
-        self.constant_covariance: Floats = join.constant(first.constant_covariance, second.constant_covariance)
-        self._sources = (first, second)
+        self.constant_covariance = join.constant([first.constant_covariance, second.constant_covariance])
+        self._sources = [(k, source) for k, source in enumerate((first, second)) if join.speaks(k).any()]
         self._join = join
         self._last_ns: int | None = None
 
@@ -108,16 +113,12 @@ class JoinedPrior:
 
     def add_imu(self, samples: ImuSamples) -> None:
         """Take new samples, in time order."""
-        for source in self._sources:
+        for _, source in self._sources:
             source.add_imu(samples)
 
     def poll(self, t_ns: int) -> list[BiasPrior]:
         """What both have to say now; a stamp is never before that of a statement that was given earlier."""
-        ready = [
-            self._join.told(z, which, source.constant_covariance, self.constant_covariance)
-            for which, source in enumerate(self._sources)
-            for z in source.poll(t_ns)
-        ]
+        ready = [self._join.told(z, k) for k, source in self._sources for z in source.poll(t_ns)]
         return [self._in_order(z) for z in sorted(ready, key=lambda z: z.t_ns)]
 
     def _in_order(self, z: BiasPrior) -> BiasPrior:
@@ -126,39 +127,39 @@ class JoinedPrior:
         return replace(z, t_ns=stamp)
 
 
-def find_join(specs: tuple[str, str], spans: Iterable[Span]) -> Join:
-    """The share and the factor under which the estimates at the ends of spans are most likely.
+def find_join(specs: tuple[str, str], spans: ListLike[Span]) -> Join:
+    """Each axis from the source under which the truth at the ends of spans is more likely.
 
     Args:
         specs: of the two sources.
-        spans: of recordings that neither was made from.
+        spans: of recordings that neither was trained on.
 
     Raises:
-        ConfigError: fewer than two spans in which both speak.
+        ConfigError: fewer than two spans, or one of the sources is a joined one or unknown.
     """
-    heard = [tuple(listen(load_prior(spec, span.sequence), span) for spec in specs) for span in spans]
-    both = [(a, b) for a, b in heard if a.measurements and b.measurements]
-    if len(both) < 2:
-        raise ConfigError(f"{' and '.join(specs)} speak together in {len(both)} of {len(heard)} runs; expected two")
-    names = tuple(dict.fromkeys(a.span.recording for a, _ in both))
-    joins = [Join(specs, share, factor, names) for share, factor in product(_SHARES, _FACTORS)]
-    return max(joins, key=lambda join: sum(_log_likelihood(join, a, b) for a, b in both))
+    if len(spans) < 2:
+        raise ConfigError(f"{len(spans)} runs to choose by, expected two or more")
+    axes = axes_of("thrust", spans)
+    likely = np.zeros((2, len(axes.groups)))
+    for span in spans:
+        for k, spec in enumerate(specs):
+            likely[k] += _log_likelihood(listen(load_prior(spec, span.sequence), span), axes.R6, axes.groups)
+    x, y, z = axes.R_FB[0].tolist()
+    gyro_along, gyro_across, accel_along, accel_across = np.argmax(likely, axis=0).tolist()
+    names = tuple(dict.fromkeys(span.recording for span in spans))
+    return Join(specs, (x, y, z), (gyro_along, gyro_across, accel_along, accel_across), names)
 
 
-def _log_likelihood(join: Join, first: Run, second: Run) -> float:
-    """Of the true biases at the end of a span."""
-    constant = join.constant(first.constant_covariance, second.constant_covariance)
-    told = [
-        join.told(z, which, run.constant_covariance, constant)
-        for which, run in enumerate((first, second))
-        for z in run.measurements
-    ]
-    span = first.span
-    together = Run(span, tuple(sorted(told, key=lambda z: z.t_ns)), None, 0.0, constant)
-    end = together.fused(nothing_known(span.begin_ns))
-    error = end.vector - span.bias_at(np.array([span.end_ns]))[0]
-    sign, size = np.linalg.slogdet(end.covariance)
-    return float(-0.5 * (size + error @ np.linalg.solve(end.covariance, error))) if sign > 0 else -np.inf
+def _log_likelihood(run: Run, R6: Floats, groups: Iterable[tuple[int, ...]]) -> Floats:
+    """(4,) of the true biases at the end of a run, a group of axes each."""
+    end = run.fused(nothing_known(run.span.begin_ns))
+    error, covariance = R6 @ (end.vector - run.span.bias[-1]), R6 @ end.covariance @ R6.T
+    found = []
+    for group in groups:
+        own = np.ix_(group, group)
+        nees = error[list(group)] @ np.linalg.solve(covariance[own], error[list(group)])
+        found.append(-0.5 * (nees + np.linalg.slogdet(covariance[own])[1]))
+    return np.array(found)
 
 
 def joined(join: Join, sequence: Sequence | None) -> JoinedPrior:
@@ -180,7 +181,10 @@ def find(argument: str) -> Join:
     """
     for path in (FOLDER / f"{argument}.json", Path(argument)):
         if argument and path.is_file():
-            return Join.from_dict(json.loads(path.read_text(encoding="utf-8")))
+            try:
+                return Join.from_dict(json.loads(path.read_text(encoding="utf-8")))
+            except (ValueError, TypeError) as error:
+                raise ConfigError(f"{path}: not a join as `python -m ipnet join` writes it: {error}") from error
     known = ", ".join(sorted(p.stem for p in FOLDER.glob("*.json"))) or "none"
     raise ConfigError(f"ipnet+motion {argument!r} is unknown; known are {known}, or a file that `join` wrote")
 

@@ -12,10 +12,15 @@ from ipnet.joined import find_join, write
 from ipnet.recordings import open_recordings
 from ipnet.runs import cut
 
+_AXES = ("gyro along the force", "across", "accelerometer along", "across")
+
 
 @dataclass(frozen=True)
 class Join:
-    """Find how two sources are joined, on recordings that neither was made from; the file is for ipnet+motion:FILE."""
+    """Choose which of two sources speaks of which axes, on recordings that neither was trained on.
+
+    The file is for ipnet+motion:FILE.
+    """
 
     paths: Annotated[tuple[Path, ...], tyro.conf.Positional]  # recordings, or folders that hold some at any depth
     prior: tuple[str, str]  # the two, as ipnet:sim-rover motion:rover
@@ -28,4 +33,5 @@ class Join:
         spans = cut(open_recordings(self.paths, self.labels), self.seconds)
         found = find_join(self.prior, spans)
         write_text(self.out, write(found))
-        console.print(f"wrote {self.out}; share of the first {found.share:g}, factor {found.factor:g}", highlight=False)
+        said = ", ".join(f"{axis} from {self.prior[k]}" for axis, k in zip(_AXES, found.sources, strict=True))
+        console.print(f"wrote {self.out}: {said}", highlight=False)

@@ -35,6 +35,7 @@ FAR = np.repeat([2e-3, 0.2], 3)
 _TINY = 1e-8  # added to variances of gravity, velocity, place: (1e-4)^2 in their units
 _STILL = 1.4  # times the noise: what samples of a body at rest may scatter
 _QUIET_RUN = 4  # intervals in a row: a hand that turns back is quiet for one
+_TURN = 0.2  # rad/s: a mean rate above that is a steady turn, whatever the scatter; no gyroscope is biased so much
 _FLOOR_G, _FLOOR_A = 1e-3, 1e-2  # rad/s, m/s^2: beside the density, for devices whose step is coarse
 
 
@@ -156,7 +157,7 @@ class Intervals:
 
 
 def _still(samples: ImuSamples, edges_ns: Stamps, noise: ImuNoise) -> Mask:
-    """(N,): the scatter of gyro and accelerometer about their means is that of their noise."""
+    """(N,): the scatter of gyro and accelerometer about their means is that of their noise, and no steady turn."""
     values = np.hstack([samples.gyro, samples.accel])
     first = np.searchsorted(samples.t_ns, edges_ns[:-1])
     last = np.maximum(np.searchsorted(samples.t_ns, edges_ns[1:]), first + 2)
@@ -169,7 +170,8 @@ def _still(samples: ImuSamples, edges_ns: Stamps, noise: ImuNoise) -> Mask:
     sigma_g = noise.gyroscope_noise_density * white + _FLOOR_G
     sigma_a = noise.accelerometer_noise_density * white + _FLOOR_A
     limit = _STILL**2 * np.repeat([sigma_g**2, sigma_a**2], 3)
-    quiet = (variance < limit).all(axis=1)
+    rate = (total[last] - total[first])[:, :3] / n + values[:, :3].mean(axis=0)
+    quiet = (variance < limit).all(axis=1) & (np.linalg.norm(rate, axis=1) < _TURN)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], quiet, [False]]).astype(np.int8)))
     still = np.zeros(len(quiet), dtype=bool)
     for begin, end in edges.reshape(-1, 2):

@@ -143,6 +143,15 @@ def test_rest_tells_the_gyro_and_says_little_of_the_accelerometer(model):
     assert sigma[0] < 1e-3 and sigma[3] > 0.1
 
 
+def test_a_steady_turn_is_no_rest(model):
+    """Scatter alone does not tell them apart: a turntable's samples are as quiet as a table's."""
+    recording = drone(5, 12.0, BIAS_OF_IT, rest_s=12.0)
+    imu = recording.imu
+    turning = ImuSamples(imu.t_ns, imu.gyro + np.array([0.0, 0.0, 0.5]), imu.accel)
+    smoother = Smoother(model, NOISE, np.repeat([0.3, 1.5], 3))
+    assert smoother.infer(turning, window(recording, 10.0)) is None
+
+
 def test_of_what_is_carried_nothing_is_said(model):
     recording = drone(5, 12.0, noisy=False)  # no rotors are heard
     assert Smoother(model, NOISE, np.repeat([0.3, 1.5], 3)).infer(recording.imu, window(recording, 10.0)) is None
