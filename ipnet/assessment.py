@@ -7,19 +7,31 @@ from typing import Any
 
 import numpy as np
 
+from ipnet import device
 from ipnet.calibration import ErrorModel, WindowErrors, fit
 from ipnet.dataset import Track
 from ipnet.errors import LabelError
 from ipnet.network_source import ONNX, Network
+from ipnet.recordings import Label
 from ipnet.weights import Card, NetworkCard
 from ipnet.windows import WindowStream
 
+FEW = 12
+"""Fewer validation recordings show nothing of what their device's biases do from day to day."""
 
-def calibrate(folder: Path, card: Card, tracks: Iterable[Track]) -> Card:
+
+def calibrate(folder: Path, card: Card, tracks: Iterable[Track], training: Iterable[Track]) -> Card:
     """The card with the error models and figures of its networks on recordings.
+
+    Args:
+        folder: of the exported networks.
+        card: theirs.
+        tracks: recordings that they were not trained on.
+        training: those that they were trained on: a network that is not `centred` can remember their device.
 
     Raises:
         LabelError: none is as long as a window.
+        ConfigError: fewer than two recordings that a network can remember.
     """
     tracks = list(tracks)
     networks = {}
@@ -28,15 +40,38 @@ def calibrate(folder: Path, card: Card, tracks: Iterable[Track]) -> Card:
         errors = [e for e in (window_errors(exported, network, track) for track in tracks) if len(e.t_ns)]
         if not errors:
             raise LabelError(f"{len(tracks)} recordings to calibrate on; none is as long as a window of {name}")
-        model = fit(errors, network.grid.seconds) if len(errors) > 1 else half_and_half(errors[0])
+        model = fitted(errors, network.grid.seconds)
+        if not network.config.centred:
+            model = remembered(model, len(errors), training)
         networks[name] = replace(network, errors=model, validation=figures(errors, model))
     return replace(card, networks=networks)
 
 
-def half_and_half(errors: WindowErrors) -> ErrorModel:
-    """From one recording, which cannot tell what is constant over a run: half of the mean square error."""
-    square = (errors.error**2).mean(axis=0)
-    return ErrorModel(np.diag(0.5 * square), np.sqrt(0.5 * square / errors.variance.mean(axis=0)), np.zeros(6))
+def fitted(errors: list[WindowErrors], window_s: float) -> ErrorModel:
+    """To runs of several recordings, or of one.
+
+    One cannot tell what is constant over a run: that is half of the mean square error then.
+    """
+    if len({e.recording for e in errors}) > 1:
+        return fit(errors, window_s)
+    square = np.vstack([e.error**2 for e in errors]).mean(axis=0)
+    stated = np.vstack([e.variance for e in errors]).mean(axis=0)
+    return ErrorModel(np.diag(0.5 * square), np.sqrt(0.5 * square / stated), np.zeros(6))
+
+
+def remembered(model: ErrorModel, recordings: int, training: Iterable[Track]) -> ErrorModel:
+    """The error model of a network that can remember its device.
+
+    How wrong a memory is shows on other days, and few recordings are often of the same. So if fewer than `FEW` of them
+    gave the model, the constant error is widened by what the training recordings allow for the device's next one.
+
+    Raises:
+        ConfigError: fewer than two training recordings.
+    """
+    if recordings >= FEW:
+        return model
+    labels = [Label(t.name, t.bias.mean(axis=0), 1e-12 * np.eye(6)) for t in training]
+    return replace(model, constant=model.constant + device.learn(labels).covariance)
 
 
 def window_errors(network: Network, card: NetworkCard, track: Track) -> WindowErrors:

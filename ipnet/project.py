@@ -102,7 +102,7 @@ def build(project: Project, out: Path, devices: Devices | None = None, progress:
         tuple(sorted({*known[1], *(t.name for t in validation)})),
         {"preset": project.preset, "seed": project.seed, "start": project.start, "training": vars(config)},
     )
-    card = calibrate(out, card, validation)
+    card = calibrate(out, card, validation, training)
     card.write(out)
     return card
 

@@ -9,13 +9,13 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ipnet import device
-from ipnet.calibration import ErrorModel, fit
+from ipnet.assessment import fitted, remembered
+from ipnet.calibration import ErrorModel
 from ipnet.dataset import Track, open_tracks
 from ipnet.export import OPSET
 from ipnet.model import BiasNetwork
 from ipnet.presets import TrainingConfig
-from ipnet.recordings import Label, open_recordings
+from ipnet.recordings import open_recordings
 from ipnet.rivals.learned import ONNX, LearnedPrior, RivalCard
 from ipnet.rivals.networks import CONFIG, STEP, Corrector, Recursive, increment_loss
 from ipnet.runs import Span, cut, listen
@@ -26,8 +26,6 @@ from navcore.arrays import Floats
 
 RUN_S = 30.0
 """Length of the runs that calibration hears."""
-FEW = 12
-"""Fewer validation recordings show nothing of what their device's biases do from day to day."""
 
 
 @dataclass(frozen=True)
@@ -132,15 +130,12 @@ def _ship(
 def calibrate(lessons: Lessons, folder: Path, card: RivalCard) -> ErrorModel:
     """What is wrong with the statements of the weights in a folder, on runs of the validation recordings.
 
-    Such networks can remember their device. How wrong a memory is shows on other days; few validation recordings are
-    often of the same. So with few the constant error is widened by what the device prior allows for the next recording.
+    Such networks can remember their device: a memory's error is one and the same in all runs of a recording.
     """
     runs = [listen(LearnedPrior(folder, replace(card, errors=uncalibrated())), span) for span in lessons.spans]
-    found = fit([replace(r.errors, recording=f"{r.span.recording} {k}") for k, r in enumerate(runs)], runs[0].window_s)
-    if len(lessons.validation) >= FEW:
-        return found
-    labels = [Label(t.name, t.bias.mean(axis=0), 1e-12 * np.eye(6)) for t in lessons.training]
-    return replace(found, constant=found.constant + device.learn(labels).covariance)
+    errors = [run.errors for run in runs]
+    model = fitted(errors, runs[0].window_s)
+    return remembered(model, len({e.recording for e in errors}), lessons.training)
 
 
 def _export(network: nn.Module, inputs: dict[str, Tensor], path: Path) -> None:

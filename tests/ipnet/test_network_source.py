@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 import torch
 
-from ipnet.assessment import figures, half_and_half
+from ipnet.assessment import calibrate, figures, fitted
 from ipnet.calibration import ErrorModel, WindowErrors
+from ipnet.device import learn
 from ipnet.errors import ConfigError
 from ipnet.export import ONNX, SAFETENSORS, export, export_folder, load, save
 from ipnet.model import IPNet
 from ipnet.network_source import Network, NetworkPrior, make
 from ipnet.prediction import predict
+from ipnet.recordings import Label
 from ipnet.training import begin
 from ipnet.weights import Card, NetworkCard, find, names
 from ipnet.windows import WindowStream
@@ -157,7 +159,22 @@ def test_export_replaces_whole_files(tmp_path):
 def test_one_recording_leaves_open_what_is_constant():
     rng = np.random.default_rng(1)
     errors = WindowErrors("a", np.arange(50), rng.normal(size=(50, 6)), np.full((50, 6), 4.0))
-    model = half_and_half(errors)
+    model = fitted([errors], 1.0)
     total = model.variance(errors.variance).mean(axis=0) + np.diagonal(model.constant)
     np.testing.assert_allclose(total, (errors.error**2).mean(axis=0))
     assert figures([errors], model)["coverage_90"] == pytest.approx([0.9] * 6, abs=0.1)
+
+
+def test_what_can_remember_a_device_is_no_surer_than_the_device_prior(tmp_path):
+    """A network that is not centred can; one that is centred infers, and its errors are the same on any device."""
+    tracks = [flight(k, seconds=16.0) for k in range(5)]
+    biases = [Label(t.name, t.bias[0], np.eye(6)) for t in tracks[:3]]
+    for centred in (True, False):
+        shape = replace(SHORT, centred=centred, reach=())
+        export(IPNet(shape), tmp_path / f"short{ONNX}")
+        card = Card({"short": NetworkCard(shape, 2.0, ERRORS["short"])}, (), (), {})
+        found = calibrate(tmp_path, card, tracks[3:], tracks[:3]).networks["short"].errors
+        card = replace(card, networks={"short": replace(card.networks["short"], config=replace(shape, centred=True))})
+        taken_at_its_word = calibrate(tmp_path, card, tracks[3:], tracks[:3]).networks["short"].errors
+        wider = np.zeros((6, 6)) if centred else learn(biases).covariance
+        np.testing.assert_allclose(found.constant - taken_at_its_word.constant, wider, atol=1e-12)

@@ -1,9 +1,12 @@
 """Rivals that learn: what their networks compute, and that what runs is what was trained."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
+from ipnet import assessment
 from ipnet.dataset import Track
 from ipnet.device import learn
 from ipnet.errors import ConfigError
@@ -98,10 +101,31 @@ def test_a_memory_is_no_surer_than_the_device_prior_where_few_recordings_calibra
     card = RivalCard.read(tmp_path)
     labels = [Label(t.name, t.bias.mean(axis=0), np.eye(6)) for t in lessons.training]
     few = calibrate(lessons, tmp_path, card)
-    monkeypatch.setattr(learning, "FEW", len(lessons.validation))
+    monkeypatch.setattr(assessment, "FEW", len(lessons.validation))
     many = calibrate(lessons, tmp_path, card)
     np.testing.assert_allclose(few.constant - many.constant, learn(labels).covariance, atol=1e-12)
     np.testing.assert_array_equal(card.errors.constant, few.constant)
+
+
+def test_a_recording_in_more_runs_is_not_more_recordings(lessons, tmp_path, monkeypatch):
+    """A memory's error is the same in all runs of a recording: told thrice, it is no surer."""
+    monkeypatch.setattr(learning, "train", lambda network, *_, **__: shaken(network))
+    learn_corrector(lessons, tmp_path)
+    card = RivalCard.read(tmp_path)
+    once, thrice = (
+        calibrate(lessons, tmp_path, card),
+        calibrate(replace(lessons, spans=3 * lessons.spans), tmp_path, card),
+    )
+    np.testing.assert_allclose(thrice.constant, once.constant, rtol=1e-6)
+
+
+def test_one_validation_recording_is_enough(lessons, tmp_path, monkeypatch):
+    monkeypatch.setattr(learning, "train", lambda network, *_, **__: shaken(network))
+    lessons = replace(lessons, validation=lessons.validation[:1], spans=lessons.spans[:1])
+    learn_corrector(lessons, tmp_path)
+    constant = RivalCard.read(tmp_path).errors.constant
+    labels = [Label(t.name, t.bias.mean(axis=0), np.eye(6)) for t in lessons.training]
+    assert np.linalg.eigvalsh(constant - learn(labels).covariance).min() > 0.0
 
 
 def test_both_train(lessons, tmp_path):
