@@ -7,7 +7,7 @@ difference to that counts.
 
 import json
 from dataclasses import dataclass
-from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from navcore.imu import GRAVITY, ImuSamples
 from navcore.prior import BiasPrior, BiasPriorSource
 from navcore.sequence import Sequence
 
-_FOLDER = files("ipnet.rivals") / "calibrations"
+FOLDER = Path(__file__).parent / "calibrations"
 _RATE_HZ = 50.0
 _UNKNOWN = 3.0  # m/s^2, sd across the force: more than any bias
 
@@ -100,25 +100,41 @@ class WindowMean:
 
 
 def make(argument: str, sequence: Sequence | None) -> BiasPriorSource:
-    """The source with the calibration of that name; `generic-5` without one.
+    """The source with the calibration of that name or in that file; `generic-5` without one.
 
     Raises:
-        ConfigError: the name is unknown.
+        ConfigError: there is none.
     """
     return WindowMean(load(argument))
 
 
 def load(argument: str) -> Calibration:
-    """The shipped calibration of that name; `generic-5` without one.
+    """The calibration that `find` finds.
 
     Raises:
-        ConfigError: there is none of that name; the message lists the names.
+        ConfigError: there is none of that name, and the message lists the names; or the file is no calibration.
+    """
+    path = find(argument)
+    try:
+        return Calibration.from_dict(json.loads(path.read_text(encoding="utf-8")))
+    except (ValueError, TypeError, KeyError) as error:
+        raise ConfigError(f"{path}: {error!r}; expected what `python -m ipnet window-mean` writes") from error
+
+
+def find(argument: str) -> Path:
+    """The file of a shipped calibration, or the one at that path; `generic-5` without an argument.
+
+    Raises:
+        ConfigError: there is none; the message lists the names.
     """
     name = argument or "generic-5"
-    known = sorted(f.name.removesuffix(".json") for f in _FOLDER.iterdir() if f.name.endswith(".json"))
-    if name not in known:
-        raise ConfigError(f"window-mean {name!r} is unknown; known are {', '.join(known)}")
-    return Calibration.from_dict(json.loads((_FOLDER / f"{name}.json").read_text(encoding="utf-8")))
+    shipped = FOLDER / f"{name}.json"
+    if shipped.is_file() and "/" not in name:
+        return shipped
+    if Path(name).is_file():
+        return Path(name)
+    names = ", ".join(sorted(p.stem for p in FOLDER.glob("*.json")))
+    raise ConfigError(f"window-mean {name!r} is unknown; known are {names}, and files that `window-mean` wrote")
 
 
 def statement(window: ImuWindow, calibration: Calibration) -> BiasPrior:
@@ -133,7 +149,7 @@ def statement(window: ImuWindow, calibration: Calibration) -> BiasPrior:
 
 
 def calibrate(recordings: list[Recording], seconds: float, mounted: bool) -> Calibration:
-    """Find a calibration on recordings with known biases.
+    """Find a calibration on recordings with known biases; a mean force meets errors only on recordings left out of it.
 
     Args:
         recordings: of the platforms for which it shall hold.
@@ -144,12 +160,15 @@ def calibrate(recordings: list[Recording], seconds: float, mounted: bool) -> Cal
         ConfigError: fewer than two recordings are long enough.
     """
     grid = Grid(seconds, _RATE_HZ, 0.2 * seconds)
-    windows = {r.name: list(WindowStream(grid).add(r.imu)) for r in recordings}
-    force = None
-    if mounted:
-        means = [w.values[:, 3:].mean(axis=0) - r.label.bias[3:] for r in recordings for w in windows[r.name]]
-        force = np.mean(means, axis=0)
-    errors = [_errors(r, windows[r.name], force) for r in recordings if windows[r.name]]
+    heard = [(r, windows) for r in recordings if (windows := list(WindowStream(grid).add(r.imu)))]
+    if len(heard) < 2:
+        raise ConfigError(f"{len(heard)} recordings have a window of {seconds:g} s; expected two or more")
+    forces = [[w.values[:, 3:].mean(axis=0) - r.label.bias[3:] for w in windows] for r, windows in heard]
+    errors = []
+    for k, (recording, windows) in enumerate(heard):
+        others = np.mean(np.vstack(forces[:k] + forces[k + 1 :]), axis=0) if mounted else None
+        errors.append(_errors(recording, windows, others))
+    force = np.mean(np.vstack(forces), axis=0) if mounted else None
     return Calibration(seconds, force, fit(errors, seconds), tuple(e.recording for e in errors))
 
 

@@ -76,6 +76,35 @@ def test_calibration_finds_force_and_errors():
     assert np.ptp(np.diagonal(loose.constant_covariance)[3:]) == 0.0
 
 
+def test_a_mean_force_is_no_surer_than_it_is_on_recordings_it_has_not_seen():
+    """Two platforms' forces differ by 1 m/s^2: to the mean of both each is at 0.5, to the other's at 1."""
+    noise, rng = ImuNoise(1e-4, 0.0, 1e-3, 0.0), np.random.default_rng(4)
+    imus = [still(np.array([0.0, 0.0, 0.0, x, 0.0, 0.0]), rng=rng) for x in (0.0, 1.0)]
+    recordings = [
+        Recording(f"r{k}", x, noise, None, Label(f"r{k}", np.zeros(6), np.eye(6))) for k, x in enumerate(imus)
+    ]
+    found = calibrate(recordings, 5.0, mounted=True)
+    assert found.force[0] == pytest.approx(0.5, abs=0.05)
+    assert found.constant_covariance[3, 3] == pytest.approx(1.0 * (2 + 2) / 2, rel=0.2)  # enlarged by (n + 2) / n
+
+
+def test_one_recording_gives_no_errors():
+    imu = still(np.zeros(6))
+    recording = Recording("r", imu, ImuNoise(1e-4, 0.0, 1e-3, 0.0), None, Label("r", np.zeros(6), np.eye(6)))
+    for mounted in (False, True):
+        with pytest.raises(ConfigError, match="1 recordings have a window of 5 s; expected two or more"):
+            calibrate([recording], 5.0, mounted)
+
+
+def test_a_calibration_is_found_by_its_file(tmp_path):
+    path = tmp_path / "mine.json"
+    path.write_text(json.dumps(Calibration(7.0, FORCE, ERRORS, ("r",)).as_dict()))
+    assert load_prior(f"window-mean:{path}").window_s == 7.0
+    path.write_text("{}")
+    with pytest.raises(ConfigError, match=r"mine\.json: KeyError.*expected what `python -m ipnet window-mean` writes"):
+        load_prior(f"window-mean:{path}")
+
+
 def test_an_unknown_name_is_answered_with_the_list():
     with pytest.raises(ConfigError, match=r"known are .*generic-5"):
         load_prior("window-mean:balloon")
