@@ -75,14 +75,14 @@ def remembered(model: ErrorModel, recordings: int, training: Iterable[Track]) ->
 
 
 def window_errors(network: Network, card: NetworkCard, track: Track) -> WindowErrors:
-    """Errors of a network on all windows of a recording."""
+    """Errors of a network on all windows of a recording, in the network's frame."""
     stamps, errors, variances = [], [], []
     for window in WindowStream(card.grid).add(track.imu):
-        bias, variance = network(window)
-        truth = track.bias[np.searchsorted(track.imu.t_ns, window.middle_ns)]
+        said = network(window.values)
+        error = said.bias - track.bias[np.searchsorted(track.imu.t_ns, window.middle_ns)]
         stamps.append(window.middle_ns)
-        errors.append(bias - truth)
-        variances.append(variance)
+        errors.append((error.reshape(2, 3) @ said.R_NB.T).reshape(6))
+        variances.append(said.variance)
     n = len(stamps)
     rows = np.array(stamps, dtype=np.int64), np.reshape(errors, (n, 6)), np.reshape(variances, (n, 6))
     return WindowErrors(track.name, *rows)

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import torch
 from safetensors.torch import load_file, save_file
+from torch import Tensor, nn
 
 from ipnet.errors import ConfigError
-from ipnet.model import BiasNetwork, IPNet
+from ipnet.model import IPNet
 from ipnet.presets import NetworkConfig
 from ipnet.weights import Card
 
@@ -39,8 +40,21 @@ def load(path: Path, config: NetworkConfig) -> IPNet:
     return network
 
 
-def export(network: BiasNetwork, path: Path) -> None:
-    """Write a network as ONNX: `window` (1, n, 6) to `bias` (1, 6) and `scale` (1, 6), float32."""
+class _Exported(nn.Module):
+    """A network whose every output depends on its input: others lose their names."""
+
+    def __init__(self, network: IPNet) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, window: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """`IPNet.forward`."""
+        bias, scale, R = self.network(window)
+        return bias, scale, R + 0.0 * window[:, :1, :1]
+
+
+def export(network: IPNet, path: Path) -> None:
+    """Write a network as ONNX: `window` (1, n, 6) to `bias` (1, 6), `scale` (1, 6) and `frame` (1, 3, 3), float32."""
     network.eval()
     partial = path.with_suffix(".partial")
     example = torch.zeros(1, network.config.samples, 6)
@@ -48,11 +62,11 @@ def export(network: BiasNetwork, path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of traced shapes: they are constant
         torch.onnx.export(
-            network,
+            _Exported(network),
             (example,),
             partial,
             input_names=["window"],
-            output_names=["bias", "scale"],
+            output_names=["bias", "scale", "frame"],
             opset_version=OPSET,
             dynamo=False,
         )

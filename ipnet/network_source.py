@@ -1,6 +1,7 @@
-"""`ipnet:NAME`: what a network says of the biases, window by window. Runs on onnxruntime alone."""
+"""`ipnet:NAME`: what networks say of the biases, window by window. Runs on onnxruntime alone."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -8,12 +9,27 @@ import onnxruntime
 
 from ipnet.weights import NETWORKS, Card, NetworkCard, find
 from ipnet.windows import ImuWindow, WindowStream
-from navcore.arrays import Floats
+from navcore.arrays import Floats, Rotations
 from navcore.imu import ImuSamples
 from navcore.prior import BiasPrior, BiasPriorSource
 from navcore.sequence import Sequence
 
 ONNX = ".onnx"
+
+
+@dataclass(frozen=True)
+class Statement:
+    """What a network says of a window.
+
+    Attributes:
+        bias: (6,) b_g [rad/s], b_a [m/s^2] in B.
+        variance: (6,) as stated: of Laplace's distribution; in the network's frame.
+        R_NB: (3, 3) to that frame, whose z is the mean specific force.
+    """
+
+    bias: Floats
+    variance: Floats
+    R_NB: Rotations
 
 
 class Network:
@@ -25,53 +41,71 @@ class Network:
         options.log_severity_level = 3
         self._session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
 
-    def __call__(self, window: ImuWindow) -> tuple[Floats, Floats]:
-        """(6,) b_g [rad/s], b_a [m/s^2], and (6,) their variances as stated: of Laplace's distribution."""
-        bias, scale = self._session.run(["bias", "scale"], {"window": window.values[None].astype(np.float32)})
-        return bias[0].astype(np.float64), 2.0 * scale[0].astype(np.float64) ** 2
+    def __call__(self, values: Floats) -> Statement:
+        """Of a window's values (n, 6)."""
+        found = self._session.run(["bias", "scale", "frame"], {"window": values[None].astype(np.float32)})
+        bias, scale, R_NB = (part[0].astype(np.float64) for part in found)
+        return Statement(bias, 2.0 * scale**2, R_NB)
 
 
 class _Voice:
     """One network and the windows that it sees."""
 
-    def __init__(self, path: Path, card: NetworkCard) -> None:
+    def __init__(self, path: Path, card: NetworkCard, until_s: float) -> None:
         self.card = card
-        self._network = Network(path)
+        self.network = Network(path)
+        self._until_s = until_s  # of middles of windows, from the beginning of the data or the end of a gap
         self._stream = WindowStream(card.grid)
         self._previous: ImuWindow | None = None
-        self.since_ns = 0  # begin of the first window since the last gap
+        self._since_ns = 0
 
-    def add(self, samples: ImuSamples) -> Iterator[BiasPrior]:
+    @property
+    def times(self) -> float:
+        """How often it speaks."""
+        return 1.0 + (self._until_s - 0.5 * self.card.grid.seconds) // self.card.every_s
+
+    def add(self, samples: ImuSamples, more: Floats) -> Iterator[BiasPrior]:
         """Statements about the windows that are complete now.
 
         Windows that overlap share their errors: one that brings only a part of new data counts for that part.
+
+        Args:
+            samples: IMU samples.
+            more: (6,) variances that each statement bears beside its own.
         """
         every_ns = round(self.card.every_s * 1e9)
         for window in self._stream.add(samples):
             goes_on = self._previous is not None and window.begin_ns == self._previous.begin_ns + every_ns
             if not goes_on:
-                self.since_ns = window.begin_ns
+                self._since_ns = window.begin_ns
             self._previous = window
-            bias, stated = self._network(window)
+            if window.middle_ns - self._since_ns > self._until_s * 1e9 + 1e6:
+                continue
+            said = self.network(window.values)
             overlap = max(self.card.grid.seconds / self.card.every_s, 1.0) if goes_on else 1.0
-            variance = self.card.errors.variance(stated) * overlap
-            yield BiasPrior(window.middle_ns, bias[:3], bias[3:], np.diag(variance))
+            variance = self.card.errors.variance(said.variance) * overlap + more
+            covariance = in_body(np.diag(variance), said.R_NB)
+            yield BiasPrior(window.middle_ns, said.bias[:3], said.bias[3:], covariance)
 
 
 class NetworkPrior:
-    """The source: the short network until the middle of the long one's first window, from then on the long one.
+    """The source: each network until the middle of the next longer one's first window.
 
-    Stamps increase so. A run has one `constant_covariance`, the long network's: what the short one has more of constant
-    error counts as short-lived. Statements are apart by the shorter window at least.
+    Stamps increase so. A run has one `constant_covariance`, the longest network's: what others have more of constant
+    error counts as short-lived.
     """
 
     def __init__(self, folder: Path, card: Card) -> None:
-        voices = {name: _Voice(folder / f"{name}{ONNX}", c) for name, c in card.networks.items()}
-        self._last = voices.get("long", voices["short"]) if "short" in voices else voices["long"]
-        self._first = voices["short"] if len(voices) == len(NETWORKS) else None
-        apart = [min(v.card.grid.seconds, v.card.every_s) for v in (self._first, self._last) if v is not None]
-        self.window_s = min(apart)
-        self.constant_covariance: Floats = self._last.card.errors.constant
+        cards = [(name, card.networks[name]) for name in NETWORKS if name in card.networks]
+        self.window_s = 0.5 * cards[0][1].grid.seconds  # overlaps are in the covariances
+        middles = [0.5 * c.grid.seconds for _, c in cards]
+        untils = [*(middle - self.window_s for middle in middles[1:]), np.inf]
+        self._voices = [
+            _Voice(folder / f"{name}{ONNX}", c, until) for (name, c), until in zip(cards, untils, strict=True)
+        ]
+        last = self._voices[-1]
+        self._constant = last.card.errors.constant
+        self.constant_covariance = _constant_in_body(last)
         self._ready: list[BiasPrior] = []
 
     def device(self) -> BiasPrior | None:
@@ -80,14 +114,7 @@ class NetworkPrior:
 
     def add_imu(self, samples: ImuSamples) -> None:
         """Take new samples, in time order."""
-        ready = list(self._last.add(samples))
-        if self._first is not None:
-            card = self._first.card
-            reach_s = 0.5 * self._last.card.grid.seconds - self.window_s  # of the short windows' middles
-            times = 1 + int((reach_s - 0.5 * card.grid.seconds) / card.every_s)
-            for z in self._first.add(samples):
-                if z.t_ns <= self._first.since_ns + round(reach_s * 1e9):
-                    ready.append(self._with_more_constant(z, card, times))
+        ready = [z for voice in self._voices for z in voice.add(samples, self._more_constant(voice))]
         self._ready += sorted(ready, key=lambda z: z.t_ns)
 
     def poll(self, t_ns: int) -> list[BiasPrior]:
@@ -95,13 +122,33 @@ class NetworkPrior:
         ready, self._ready = self._ready, []
         return ready
 
-    def _with_more_constant(self, z: BiasPrior, card: NetworkCard, times: int) -> BiasPrior:
-        """What the short network's constant error has beyond the long one's, added to its own.
+    def _more_constant(self, voice: _Voice) -> Floats:
+        """(6,) what a network's constant error has beyond the longest one's.
 
-        It is one error that is told so many times: each of them bears it that many times, or it would average out.
+        It is one error that is told so many times: each statement bears it that many times, or it would average out.
         """
-        more = np.diagonal(card.errors.constant) - np.diagonal(self.constant_covariance)
-        return BiasPrior(z.t_ns, z.b_g, z.b_a, z.covariance + times * np.diag(np.maximum(more, 0.0)))
+        if voice is self._voices[-1]:
+            return np.zeros(6)
+        more = np.diagonal(voice.card.errors.constant) - np.diagonal(self._constant)
+        return np.maximum(voice.times * more, 0.0)
+
+
+def in_body(covariance: Floats, R_NB: Rotations) -> Floats:
+    """(6, 6) of the network's frame in B."""
+    R = np.kron(np.eye(2), R_NB)
+    turned: Floats = R.T @ covariance @ R
+    return 0.5 * (turned + turned.T)
+
+
+def _constant_in_body(voice: _Voice) -> Floats:
+    """(6, 6) covariance of the constant error in B, before there is any data.
+
+    Where the mount may be any, the frame is not known then: each sensor's axes are as wrong as they are on average.
+    """
+    constant = voice.card.errors.constant
+    if voice.card.config.mount == "fixed":
+        return in_body(constant, voice.network(np.ones((voice.card.config.samples, 6))).R_NB)
+    return np.diag(np.repeat(np.diagonal(constant).reshape(2, 3).mean(axis=1), 3))
 
 
 def make(argument: str, sequence: Sequence | None) -> BiasPriorSource:

@@ -21,8 +21,8 @@ class NetworkConfig:
             measurements then comes out again exactly, whatever the weights are.
         mount: "fixed": the IMU sits in the platform in one way, which is found in the training data; "any": each
             window is turned so that its mean specific force is along z.
-        reach: of each refinement by dead reckoning, how far from the window's middle the motion model counts, as a
-            share of half the window (a Gaussian's width; 0 for all alike): errors of a start grow with that distance.
+        pieces: in how many of equal length each refinement by dead reckoning cuts the window: errors of a start grow
+            with the length. None: no refinement.
     """
 
     samples: int
@@ -34,11 +34,12 @@ class NetworkConfig:
     predictions: int = 50
     centred: bool = True
     mount: str = "fixed"
-    reach: tuple[float, ...] = (0.15, 0.3, 0.5, 1.0, 0.0)
+    pieces: tuple[int, ...] = (10, 5, 2, 1, 1)
 
     def __post_init__(self) -> None:
-        if self.reach and self.samples % (2 * BLOCK):
-            raise ConfigError(f"samples is {self.samples}; refinement needs a multiple of {2 * BLOCK}")
+        for pieces in self.pieces:
+            if self.samples % (pieces * BLOCK):
+                raise ConfigError(f"samples is {self.samples}; {pieces} pieces need a multiple of {pieces * BLOCK}")
         if self.mount not in ("fixed", "any"):
             raise ConfigError(f"mount is {self.mount!r}, expected fixed or any")
         if self.hidden % self.heads:
@@ -51,6 +52,8 @@ class NetworkConfig:
 
 BLOCK = 16
 """Samples of the window behind one position of the encoder's output: four poolings by two."""
+STEP = 4
+"""Samples that refinements see as one."""
 
 
 @dataclass(frozen=True)
@@ -84,16 +87,22 @@ class TrainingConfig:
 
 @dataclass(frozen=True)
 class Preset:
-    """Networks by the length of what they see, and their training."""
+    """Networks by the length of what they see, and their training; `medium` has the weights of `long`."""
 
     networks: dict[str, NetworkConfig]
     training: TrainingConfig = field(default_factory=TrainingConfig)
 
 
 PRESETS = {
-    "default": Preset({"short": NetworkConfig(256, 51.2), "long": NetworkConfig(960, 24.0)}),
+    "default": Preset(
+        {
+            "short": NetworkConfig(256, 51.2, pieces=(2, 1, 1, 1)),
+            "medium": NetworkConfig(480, 24.0, pieces=(5, 2, 1, 1)),
+            "long": NetworkConfig(960, 24.0),
+        }
+    ),
     "paper": Preset(
-        {"long": NetworkConfig(1000, 200.0, channels=(32, 64, 128, 128), hidden=128, centred=False, reach=())},
+        {"long": NetworkConfig(1000, 200.0, channels=(32, 64, 128, 128), hidden=128, centred=False, pieces=())},
         TrainingConfig("l1", "rmsprop", 1e-6, "step", batch=32, windows=40),
     ),
 }

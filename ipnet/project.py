@@ -12,13 +12,15 @@ from ipnet.dataset import Track, open_tracks
 from ipnet.errors import ConfigError
 from ipnet.export import ONNX, SAFETENSORS, export, load, save
 from ipnet.model import IPNet
-from ipnet.presets import TrainingConfig, preset
+from ipnet.presets import NetworkConfig, TrainingConfig, preset
 from ipnet.splits import split
 from ipnet.training import Devices, begin, train
 from ipnet.weights import Card, NetworkCard, find, uncalibrated
 
-EVERY_S = {"short": 5.0, "long": 10.0}
-"""Between two statements: the short network's windows do not overlap, the long one's by three quarters."""
+EVERY_S = {"short": 5.0, "medium": 5.0, "long": 10.0}
+"""Between two statements: the short network's windows do not overlap, the others' by three quarters."""
+WEIGHTS_OF = {"medium": "long"}
+"""Networks that are not trained, but have another one's weights."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class Project:
     split: str = ""
     labels: Path | None = None
     preset: str = "default"
-    networks: tuple[str, ...] = ("short", "long")
+    networks: tuple[str, ...] = ("short", "medium", "long")
     start: str = ""
     any_mount: bool = False
     changed: dict[str, Any] = field(default_factory=dict)
@@ -66,31 +68,17 @@ def build(project: Project, out: Path, devices: Devices | None = None, progress:
     """
     config = project.training_config
     training, validation = _tracks(project, out / "recordings")
-    start = find(project.start) if project.start else None
-    before = Card.read(start) if start is not None else None
+    before = Card.read(find(project.start)) if project.start else None
     cards = {}
-    for name, shape in preset(project.preset).networks.items():
-        if name not in project.networks:
-            continue
+    shapes = {name: shape for name, shape in preset(project.preset).networks.items() if name in project.networks}
+    for name in sorted(shapes, key=lambda name: name in WEIGHTS_OF):
+        shape = shapes[name]
         if project.any_mount:
             shape = replace(shape, mount="any")
-        if start is None:
-            torch.manual_seed(project.seed)
-            network = IPNet(shape)
+        if name in WEIGHTS_OF:
+            network = load(out / f"{WEIGHTS_OF[name]}{SAFETENSORS}", shape)
         else:
-            network = load(start / f"{name}{SAFETENSORS}", shape)
-        begin(network, training, config.mount_deg, np.random.default_rng(project.seed))
-        train(
-            network,
-            config,
-            training,
-            validation,
-            out / "logs" / name,
-            seed=project.seed,
-            minutes=project.minutes,
-            devices=devices,
-            progress=progress,
-        )
+            network = _trained(name, shape, project, training, validation, out, devices, progress)
         save(network, out / f"{name}{SAFETENSORS}")
         export(network, out / f"{name}{ONNX}")
         every_s = min(EVERY_S[name], shape.samples / shape.rate_hz)
@@ -105,6 +93,38 @@ def build(project: Project, out: Path, devices: Devices | None = None, progress:
     card = calibrate(out, card, validation, training)
     card.write(out)
     return card
+
+
+def _trained(
+    name: str,
+    shape: NetworkConfig,
+    project: Project,
+    training: list[Track],
+    validation: list[Track],
+    out: Path,
+    devices: Devices | None,
+    progress: bool,
+) -> IPNet:
+    """A network of the preset, trained."""
+    config = project.training_config
+    if project.start:
+        network = load(find(project.start) / f"{name}{SAFETENSORS}", shape)
+    else:
+        torch.manual_seed(project.seed)
+        network = IPNet(shape)
+    begin(network, training, config.mount_deg, np.random.default_rng(project.seed))
+    train(
+        network,
+        config,
+        training,
+        validation,
+        out / "logs" / name,
+        seed=project.seed,
+        minutes=project.minutes,
+        devices=devices,
+        progress=progress,
+    )
+    return network
 
 
 def _tracks(project: Project, cache: Path) -> tuple[list[Track], list[Track]]:

@@ -1,27 +1,29 @@
-"""One step of Gauss-Newton on the biases of a window, in torch: what the motion model of a platform says of them.
+"""Gauss-Newton on the biases of a window, in torch: what the motion model of a platform says of them.
 
-The window's rates are integrated to attitudes, its specific forces to velocities, both from the window's middle M
-outwards. A platform's motion obeys linear relations between velocity, specific force and rate in B: a quadrotor's
-specific force across its thrust is -d v, a rover has no velocity sideways. Each row of the model is such a relation,
+The window is cut into pieces, each with a gravity and a velocity of its own in its middle M; all of them share the
+biases. Rates are integrated to attitudes, specific forces to velocities, from M outwards. A platform's motion obeys
+linear relations between velocity, specific force and rate in B: a quadrotor's specific force across its thrust is
+-d v, a rover has no velocity sideways. Each row of the model is such a relation,
 
     r = A v_B + B f_B + C omega_B + n,    weight w,
 
-with A, B, C learned and n, w given by the network for each block of the window. The unknowns are the gravity's tilt
-and the velocity in the middle, and both biases; the attitude error is -G db_g with G the integral of R_M.
+with A, B, C learned and n, w given by the network for each block of the window. The unknowns are each piece's tilt of
+gravity and velocity in M, and both biases; the attitude error is -G db_g with G the integral of R_M.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from ipnet.presets import BLOCK
+from ipnet.attitudes import attitudes, cross, skew
+from ipnet.elimination import eliminated, solved
+from ipnet.presets import BLOCK, STEP
 from navcore.imu import GRAVITY
 
 TILT_SIGMA = 0.2  # rad, of gravity's direction from the mean specific force
-VELOCITY_SIGMA = 3.0  # m/s, of the middle's velocity
+VELOCITY_SIGMA = 3.0  # m/s, of the middle's velocity from the platform's usual one
 DOF = 4.0  # of Student's distribution of what the model leaves over: a stand on the ground is not flight
-UNKNOWNS = 12  # tilt, velocity, b_g, b_a
 
 
 @dataclass(frozen=True)
@@ -44,13 +46,9 @@ class MotionModel:
         """In double precision."""
         return MotionModel(*(part.double() for part in (self.A, self.B, self.C, self.n, self.w)))
 
-    def within(self, reach: float) -> "MotionModel":
-        """With less weight far from the middle: a Gaussian of that share of half the window; 0 for the same weights."""
-        if reach == 0.0:
-            return self
-        blocks = self.w.shape[2]
-        off = (torch.arange(blocks, dtype=self.w.dtype) + 0.5) * (2.0 / blocks) - 1.0
-        return replace(self, w=self.w * torch.exp(-((off / reach) ** 2)))
+    def usual_velocity(self) -> Tensor:
+        """(batch, 3) in B, by the last three rows."""
+        return -self.n[:, -3:].mean(2)
 
 
 @dataclass(frozen=True)
@@ -60,176 +58,116 @@ class Belief:
     Attributes:
         bias: (batch, 6) b_g, b_a.
         variance: (batch, 6).
-        gravity: (batch, 3) in M, or None where it is not known yet.
-        velocity: (batch, 3) in M in the middle.
+        gravity, velocity: (batch * pieces, 3) in the middle of each piece, or None where they are not known yet.
     """
 
     bias: Tensor
     variance: Tensor
-    gravity: Tensor | None
-    velocity: Tensor
+    gravity: Tensor | None = None
+    velocity: Tensor | None = None
+
+    def double(self) -> "Belief":
+        """In double precision."""
+        return Belief(*(part if part is None else part.double() for part in vars(self).values()))
 
 
-def refine(window: Tensor, dt: float, first: Belief, now: Belief, model: MotionModel) -> Belief:
+def refine(steps: Tensor, dt: float, first: Belief, now: Belief, model: MotionModel, pieces: int) -> Belief:
     """Solve once for what fits the motion model, linearised at `now`, with `first` as what was known beforehand.
 
+    Gravity and velocities of `now` count if it has as many pieces.
+
     Args:
-        window: (batch, 6, samples) gyro, accel.
-        dt: s between samples.
+        steps: (batch, 6, n) rate, specific force, see `ipnet.steps.condensed`.
+        dt: s between them.
     """
-    batch = window.shape[0]
-    omega, f = window[:, :3] - now.bias[:, :3, None], window[:, 3:] - now.bias[:, 3:, None]
-    R = attitudes(omega, dt)  # (batch, 3, 3, samples)
+    off_bias = _cut(steps, pieces) - now.bias[:, None, :, None]
+    omega, f = off_bias.flatten(0, 1).chunk(2, dim=1)
+    R = attitudes(omega * dt)  # (batch * pieces, 3, 3, n / pieces)
     f_M = (R * f[:, None]).sum(2)
-    level = f_M.mean(2)
-    level = -GRAVITY * level / level.norm(dim=1, keepdim=True)
-    gravity = level if now.gravity is None else now.gravity
-    v_M = from_middle(f_M + gravity[..., None], dt) + now.velocity[..., None]
+    if now.gravity is not None and now.velocity is not None and len(now.gravity) == len(R):
+        gravity, velocity = now.gravity, now.velocity
+    else:
+        up = f_M.mean(2)
+        gravity = -GRAVITY * up / up.norm(dim=1, keepdim=True)
+        velocity = model.usual_velocity().repeat_interleave(pieces, dim=0)
+    n, w = (_cut(part, pieces).flatten(0, 1) for part in (model.n, model.w))
+    v_M = from_middle(f_M, dt) + gravity[..., None] * times(f_M, dt) + velocity[..., None]
     v_B = (R * v_M[:, :, None]).sum(1)
-    v, force, rate = block_means(v_B), block_means(f), block_means(omega)  # (batch, 3, blocks)
-    r = model.A @ v + model.B @ force + model.C @ rate + model.n
-    w = model.w / torch.sqrt(1.0 + (model.w * r) ** 2 / DOF)
-    J = jacobian(R, f_M, v_M, gravity, dt, model)  # (batch, m, 12, blocks)
-    J = (w[:, :, None] * J).transpose(2, 3).flatten(1, 2)
-    r = (w * r).flatten(1)
-    tilt = cross(level, gravity) / GRAVITY**2  # the rotation from what the mean force says
-    off = torch.cat([tilt, now.velocity, now.bias - first.bias], dim=1)
-    fixed = window.new_tensor([TILT_SIGMA**-2] * 3 + [VELOCITY_SIGMA**-2] * 3).expand(batch, 6)
-    information = torch.cat([fixed, 1.0 / first.variance], dim=1)
-    x, variance = solve(J, r, information, off)
-    gravity = gravity + cross(x[:, :3], gravity)
+    by_v_f_omega = torch.cat([model.A, model.B, model.C], dim=1)
+    r = block_means(by_v_f_omega @ torch.cat([v_B, f, omega], dim=1)) + n
+    J = jacobian(R, f_M, v_M, gravity, dt, model)  # (batch * pieces, m, 12, blocks)
+    w = w / torch.sqrt(1.0 + (w * r) ** 2 / DOF)
+    own, bias, variance = solve(w[:, :, None] * torch.cat([J, r[:, :, None]], dim=2), first, now)
+    gravity = gravity + cross(own[:, :3], gravity)
     gravity = GRAVITY * gravity / gravity.norm(dim=1, keepdim=True)
-    return Belief(now.bias + x[:, 6:], variance[:, 6:], gravity, now.velocity + x[:, 3:6])
+    return Belief(now.bias + bias, variance, gravity, velocity + own[:, 3:])
 
 
 def jacobian(R: Tensor, f_M: Tensor, v_M: Tensor, gravity: Tensor, dt: float, model: MotionModel) -> Tensor:
-    """(batch, m, 12, blocks) of r by tilt, velocity, b_g, b_a, in the middles of blocks."""
-    at, to = slice(BLOCK // 2, None, BLOCK), slice(BLOCK // 2 - 1, None, BLOCK)
-    G = torch.cumsum(R, dim=3) * dt
-    G = G[..., to] - G[..., R.shape[3] // 2 - 1, None]  # (batch, 3, 3, blocks)
-    step = BLOCK * dt
-    swept = cross(block_means(f_M)[:, :, None], G) * step
-    F = torch.cumsum(swept, dim=3)
-    half = F.shape[3] // 2
-    F = F - 0.5 * swept - F[..., half - 1, None]
-    v = v_M[..., at]
-    eye = torch.eye(3, dtype=R.dtype)[None, :, :, None].expand(R.shape[0], 3, 3, G.shape[3])
-    t = ((torch.arange(G.shape[3], dtype=R.dtype) + 0.5) * step - 0.5 * step * G.shape[3])[None, None, None]
-    g = cross(-gravity[..., None, None], eye[..., :1]) * t  # d(gravity) = tilt x gravity
-    to_v_M = torch.cat([g, eye, F - cross(v[:, :, None], G), -G], dim=2)  # (batch, 3, 12, blocks)
-    to_v_B = (R[..., at][:, :, :, None] * to_v_M[:, :, None]).sum(1)
-    J = torch.einsum("mi,bijk->bmjk", model.A, to_v_B)
+    """(batch, m, 12, blocks) of r by tilt, velocity, b_g, b_a, from means over blocks."""
+    batch, step = len(R), dt * BLOCK / STEP
+    t = block_means(times(v_M, dt))
+    means = block_means(torch.cat([R.flatten(1, 2), f_M, v_M], dim=1))
+    late = float(t[len(t) // 2])  # from M to the middle of the middle block
+    G = from_middle(means[:, :9], step, late).unflatten(1, (3, 3))
+    R, f_M, v_M = means[:, :9].view(G.shape), means[:, 9:12], means[:, 12:]
+    F = from_middle(cross(f_M[:, :, None], G), step, 0.5 * late)
+    eye = torch.eye(3, dtype=R.dtype)[None, :, :, None].expand(G.shape)
+    tilt = -skew(gravity)[..., None] * t  # d(gravity) = tilt x gravity
+    to_v_M = torch.cat([tilt, eye, F - cross(v_M[:, :, None], G), -G], dim=2)  # (batch, 3, 12, blocks)
+    to_v_B = (R[:, :, :, None] * to_v_M[:, :, None]).sum(1)
+    J = (model.A @ to_v_B.flatten(2)).view(batch, -1, 12, G.shape[3])
     fixed = torch.cat([torch.zeros_like(model.A).repeat(1, 2), -model.C, -model.B], dim=1)
     return J + fixed[None, :, :, None]
 
 
-def attitudes(omega: Tensor, dt: float) -> Tensor:
-    """(batch, 3, 3, n) rotation from B in the middle of each sample to B in the middle of the window.
-
-    Rotations of samples are composed by parallel prefix products, first inside blocks, then of blocks.
-
-    Args:
-        omega: (batch, 3, n) rad/s, means over samples.
-    """
-    batch, _, n = omega.shape
-    phi = omega * dt
-    before = torch.cat([phi[..., :1], phi[..., :-1]], dim=2)
-    phi = phi + cross(before, phi) / 12.0  # coning
-    half = _quaternion(0.5 * phi)
-    inside = _prefix(product(half, half).view(batch, 4, n // BLOCK, BLOCK))
-    ends = _prefix(inside[..., -1])
-    middle = ends[..., n // BLOCK // 2 - 1, None]
-    begins = torch.cat([_inverse(middle), product(_inverse(middle), ends[..., :-1])], dim=2)
-    q = product(begins[..., None], inside).view(batch, 4, n)
-    return _matrix(product(q, _inverse(half)))
+def times(like: Tensor, dt: float) -> Tensor:
+    """(n,) s of the middles of steps from that of the middle one."""
+    n = like.shape[-1]
+    return (torch.arange(n, dtype=like.dtype) - n // 2) * dt
 
 
-def _prefix(q: Tensor) -> Tensor:
-    """Products of all quaternions up to each, along the last axis."""
-    step = 1
-    while step < q.shape[-1]:
-        q = torch.cat([q[..., :step], product(q[..., :-step], q[..., step:])], dim=-1)
-        step *= 2
-    return q
-
-
-def _quaternion(phi: Tensor) -> Tensor:
-    """(batch, 4, n) wxyz of rotation vectors (batch, 3, n)."""
-    angle = torch.sqrt((phi * phi).sum(1, keepdim=True) + 1e-12)
-    return torch.cat([torch.cos(0.5 * angle), torch.sin(0.5 * angle) / angle * phi], dim=1)
-
-
-def product(p: Tensor, q: Tensor) -> Tensor:
-    """(batch, 4, ...) Hamilton product of quaternions, wxyz: sixteen products, four by four with their signs."""
-    first = torch.tensor([0, 1, 2, 3, 0, 1, 2, 3, 0, 2, 3, 1, 0, 3, 1, 2])
-    second = torch.tensor([0, 1, 2, 3, 1, 0, 3, 2, 2, 0, 1, 3, 3, 0, 2, 1])
-    sign = torch.tensor([1, -1, -1, -1, 1, 1, 1, -1, 1, 1, 1, -1, 1, 1, 1, -1], dtype=p.dtype)
-    terms = p.index_select(1, first) * q.index_select(1, second)
-    terms = terms.view(terms.shape[0], 4, 4, *terms.shape[2:]) * sign.view(1, 4, 4, *[1] * (p.dim() - 2))
-    return terms.sum(2)
-
-
-def _inverse(q: Tensor) -> Tensor:
-    sign = torch.tensor([1, -1, -1, -1], dtype=q.dtype)
-    return q * sign.view(1, 4, *[1] * (q.dim() - 2))
-
-
-def _matrix(q: Tensor) -> Tensor:
-    """(batch, 3, 3, n) of unit quaternions (batch, 4, n), wxyz: linear in the products of two of their elements."""
-    first = torch.tensor([0, 1, 2, 3, 0, 0, 0, 1, 2, 3])
-    second = torch.tensor([0, 1, 2, 3, 1, 2, 3, 2, 3, 1])
-    rows = torch.tensor(  # by ww xx yy zz wx wy wz xy yz zx
-        [
-            [1, 1, -1, -1, 0, 0, 0, 0, 0, 0],
-            [0, 0, 0, 0, 0, 0, -2, 2, 0, 0],
-            [0, 0, 0, 0, 0, 2, 0, 0, 0, 2],
-            [0, 0, 0, 0, 0, 0, 2, 2, 0, 0],
-            [1, -1, 1, -1, 0, 0, 0, 0, 0, 0],
-            [0, 0, 0, 0, -2, 0, 0, 0, 2, 0],
-            [0, 0, 0, 0, 0, -2, 0, 0, 0, 2],
-            [0, 0, 0, 0, 2, 0, 0, 0, 2, 0],
-            [1, -1, -1, 1, 0, 0, 0, 0, 0, 0],
-        ],
-        dtype=q.dtype,
-    )
-    return (rows @ (q.index_select(1, first) * q.index_select(1, second))).view(q.shape[0], 3, 3, q.shape[2])
-
-
-def cross(a: Tensor, b: Tensor) -> Tensor:
-    """(batch, 3, ...): a x b along the second axis."""
-    one, two = torch.tensor([1, 2, 0]), torch.tensor([2, 0, 1])
-    return a.index_select(1, one) * b.index_select(1, two) - a.index_select(1, two) * b.index_select(1, one)
-
-
-def from_middle(a: Tensor, dt: float) -> Tensor:
-    """Integral of (batch, 3, n) from the window's middle to the middle of each sample."""
-    total = torch.cumsum(a, dim=2)
-    return (total - 0.5 * a - total[..., a.shape[2] // 2 - 1, None]) * dt
+def from_middle(x: Tensor, dt: float, late: float = 0.0) -> Tensor:
+    """Integral of (..., n) to the middles of all, from so many seconds before the middle of the middle one."""
+    total = torch.cumsum(x, dim=-1) - 0.5 * x
+    middle = slice(x.shape[-1] // 2, x.shape[-1] // 2 + 1)
+    return (total - total[..., middle] + x[..., middle] * (late / dt)) * dt
 
 
 def block_means(x: Tensor) -> Tensor:
-    """(batch, 3, blocks) means of (batch, 3, samples)."""
-    return x.view(x.shape[0], x.shape[1], -1, BLOCK).mean(3)
+    """(..., blocks) means of (..., steps)."""
+    return x.unflatten(-1, (-1, BLOCK // STEP)).mean(-1)
 
 
-def solve(J: Tensor, r: Tensor, information: Tensor, off: Tensor) -> tuple[Tensor, Tensor]:
-    """Minimise |r + J x|^2 + (off + x)^T diag(information) (off + x).
+def _cut(x: Tensor, pieces: int) -> Tensor:
+    """(batch, pieces, k, n / pieces) of (batch, k, n)."""
+    return x.unflatten(2, (pieces, -1)).transpose(1, 2)
 
-    By Gauss-Jordan elimination on unknowns of unit prior variance, in double precision, in operations that any
-    runtime has; the matrix is positive definite, so no pivots are sought.
+
+def solve(weighted: Tensor, first: Belief, now: Belief) -> tuple[Tensor, Tensor, Tensor]:
+    """Minimise |r + J x|^2, and what is known beforehand.
+
+    In double precision; unknowns of pieces are eliminated first, then what pieces say of the biases is added up.
+
+    Args:
+        weighted: (batch * pieces, m, 13, blocks) J, r.
 
     Returns:
-        x and its variances, (batch, 12) each.
+        steps (batch * pieces, 6) of tilt and velocity, (batch, 6) of biases, and variances of those, (batch, 6).
     """
-    scale = information.double().rsqrt()
-    J = J.double() * scale[:, None]
-    eye = torch.eye(UNKNOWNS, dtype=torch.float64)
-    N = J.transpose(1, 2) @ J + eye
-    b = -(J * r.double()[..., None]).sum(1) - off.double() / scale
-    M = torch.cat([N, b[..., None], eye.expand_as(N)], dim=2)
-    for k in range(UNKNOWNS):
-        row = M[:, k : k + 1] / M[:, k : k + 1, k : k + 1]
-        M = M - (M[:, :, k : k + 1] - eye[:, k : k + 1]) * row
-    x = M[:, :, UNKNOWNS] * scale
-    variance = (M[:, :, UNKNOWNS + 1 :] * eye).sum(2) * scale**2
-    return x.to(r.dtype), variance.to(r.dtype)
+    batch, dtype = len(now.bias), now.bias.dtype
+    rows = weighted.transpose(1, 2).flatten(2).double()  # (batch * pieces, 13, m * blocks)
+    known = torch.tensor([TILT_SIGMA**-2] * 3 + [VELOCITY_SIGMA**-2] * 3 + [0.0] * 7, dtype=torch.float64)
+    N = (rows @ rows.transpose(1, 2) + torch.diag(known))[:, :12]
+    tilt, N = eliminated(N)
+    velocity, N = eliminated(N)
+    eye = torch.eye(6, dtype=torch.float64).expand(batch, 6, 6)
+    information = 1.0 / first.variance.double()
+    pull = information * (now.bias - first.bias)
+    S = N.unflatten(0, (batch, -1)).sum(1) + torch.cat([eye * information[:, None], pull[..., None]], dim=2)
+    found = solved(torch.cat([S, eye], dim=2))
+    bias, variance = -found[:, :, :1], (found[:, :, 1:] * eye).sum(2)
+    x = torch.cat([bias, torch.ones_like(bias[:, :1])], dim=1).repeat_interleave(len(N) // batch, dim=0)
+    x = torch.cat([-velocity @ x, x], dim=1)
+    own = torch.cat([-tilt @ x, x[:, :3]], dim=1)
+    return own[..., 0].to(dtype), bias[..., 0].to(dtype), variance.to(dtype)

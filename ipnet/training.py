@@ -16,7 +16,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader
 
 from ipnet.dataset import Track, Windows, random_windows, regular_windows
-from ipnet.model import BiasNetwork, IPNet, upright
+from ipnet.model import BiasNetwork, IPNet, turned, upright
 from ipnet.presets import TrainingConfig
 from ipnet.regression import relations
 from navcore.arrays import Rotations
@@ -83,7 +83,7 @@ class BiasModule(L.LightningModule):
     def validation_step(self, batch: Batch, index: int) -> None:
         """Keep errors until the epoch is over."""
         window, label = batch
-        bias, scale = self.network(window)
+        bias, scale = self.network.estimates(window)[-1]
         self._errors.append(bias - label)
         self._losses.append(loss(self.config.loss, bias, scale, label))
 
@@ -212,13 +212,16 @@ def _in_network_frame(network: IPNet, windows: Windows, k: int) -> tuple[int, in
 
 
 def _begin_scales(network: IPNet, windows: Windows) -> None:
-    """Set how wrong refined estimates are to what the windows show."""
+    """Set how wrong estimates are before and after refinement to what the windows show."""
     rows = [windows[k] for k in range(len(windows))]
+    window, label = (torch.stack(part) for part in zip(*rows, strict=True))
     network.eval()
-    label = torch.stack([b for _, b in rows])
-    with torch.no_grad():
-        bias, scale = network(torch.stack([w for w, _ in rows]))
-        network.log_scale.add_(((bias - label).abs() / scale).mean(0).log())
+    for which, parameter in ((0, network.spread[2].bias), (-1, network.log_scale)):
+        with torch.no_grad():
+            R = network.mount(window)
+            bias, scale = network.in_own_frame(window, R)[which]
+            error = (bias - turned(label[:, None], R)[..., 0]).abs()
+            parameter.add_((error / scale).mean(0).log())
 
 
 def _cosine(epoch: int, epochs: int) -> float:

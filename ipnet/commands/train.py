@@ -8,7 +8,7 @@ import tyro
 from rich.console import Console
 
 PresetName = Literal["default", "paper"]
-NetworkName = Literal["short", "long"]
+NetworkName = Literal["short", "medium", "long"]
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Train:
     split: str = ""  # take the recordings of this split from PATHS
     labels: Path | None = None  # biases of recordings whose truth has none: python -m ipnet label
     preset: PresetName = "default"  # paper: the paper's recipe to the letter
-    networks: tuple[NetworkName, ...] = ("short", "long")  # which of the preset's
+    networks: tuple[NetworkName, ...] = ("short", "medium", "long")  # which of the preset's; medium needs long
     start: str = ""  # weights to begin with: a shipped name or a folder
     any_mount: bool = False  # the IMU may sit in the platform in any way
     epochs: int | None = None  # instead of the preset's

@@ -15,8 +15,8 @@ from ipnet.windows import Grid
 
 FOLDER = Path(__file__).parent
 CARD = "card.json"
-NETWORKS = ("short", "long")
-"""A start hears the short one until the long one has seen enough."""
+NETWORKS = ("short", "medium", "long")
+"""By what they see: each is heard until the next one has seen enough."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,8 @@ class NetworkCard:
     Attributes:
         config: its shape.
         every_s: between two of its statements.
-        errors: what is wrong with its statements, found on recordings that it was not trained on.
-        validation: figures on those.
+        errors: what is wrong with its statements, found on recordings that it was not trained on; in its own frame.
+        validation: figures on those, in that frame.
     """
 
     config: NetworkConfig
@@ -55,7 +55,7 @@ class NetworkCard:
     def from_dict(content: dict[str, Any]) -> "NetworkCard":
         """From what `as_dict` gave."""
         config = dict(content["config"])
-        config["channels"], config["reach"] = tuple(config["channels"]), tuple(config["reach"])
+        config["channels"], config["pieces"] = tuple(config["channels"]), tuple(config["pieces"])
         errors = ErrorModel.from_dict(content["errors"])
         return NetworkCard(NetworkConfig(**config), content["every_s"], errors, content["validation"])
 

@@ -7,7 +7,7 @@ from ipnet.presets import NetworkConfig
 from navcore import so3
 from navcore.imu import GRAVITY, ImuSamples
 
-SMALL = NetworkConfig(192, 24.0, channels=(4, 4, 4, 8), kernel=3, hidden=8, heads=2, predictions=5, reach=(0.4, 0.0))
+SMALL = NetworkConfig(192, 24.0, channels=(4, 4, 4, 8), kernel=3, hidden=8, heads=2, predictions=5, pieces=(2, 1, 1))
 """Windows of 8 s."""
 DRAG = 0.2  # 1/s
 

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from ipnet.errors import ConfigError
-from ipnet.model import IPNet, upright
+from ipnet.model import IPNet, Slope, upright
 from ipnet.presets import PRESETS, NetworkConfig, preset
 from navcore.imu import GRAVITY
 from tests.ipnet.flying import SMALL
@@ -22,12 +22,12 @@ def hovering(config, batch=2, seed=1):
 def test_a_window_becomes_biases_and_scales(name):
     network = IPNet(SHAPES[name]).eval()
     assert sum(p.numel() for p in network.parameters()) <= 1_000_000
-    x = network.sequence(network.encoder(hovering(network.config)))
+    x = network.sequence(network.encoder(hovering(network.config).transpose(1, 2)))
     assert x.shape == (2, network.config.samples // 16, network.config.hidden)
     assert network.gyro(x).shape == network.accel(x).shape == (2, 50, 3)
     with torch.no_grad():
         estimates = network.estimates(hovering(network.config))
-    assert len(estimates) == 1 + len(network.config.reach)
+    assert len(estimates) == 1 + len(network.config.pieces)
     for bias, scale in estimates:
         assert bias.shape == scale.shape == (2, 6)
         assert (scale > 0.0).all()
@@ -44,7 +44,7 @@ def test_an_unknown_preset_is_answered_with_the_known():
 
 
 def test_a_window_that_blocks_do_not_fill_is_refused():
-    with pytest.raises(ConfigError, match="multiple of 32"):
+    with pytest.raises(ConfigError, match="10 pieces need a multiple of 160"):
         NetworkConfig(1000, 25.0)
 
 
@@ -62,7 +62,7 @@ def test_what_is_added_to_the_input_comes_out():
 
 
 def test_a_plain_network_may_ignore_it():
-    network = IPNet(NetworkConfig(64, 24.0, centred=False, reach=())).eval()
+    network = IPNet(NetworkConfig(64, 24.0, centred=False, pieces=())).eval()
     with torch.no_grad():
         network.gyro.layers[2].weight.zero_()
         assert torch.equal(
@@ -82,13 +82,33 @@ def test_forces_become_upright():
 @pytest.mark.parametrize("mount", ["fixed", "any"])
 def test_turning_body_and_network_together_turns_the_answer(mount):
     torch.manual_seed(4)
-    network = IPNet(NetworkConfig(64, 24.0, mount=mount, reach=())).eval()
+    network = IPNet(NetworkConfig(64, 24.0, mount=mount, pieces=())).eval()
     window = hovering(network.config)
     R = torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # about x: what `upright` undoes
     turned = (window.view(2, 64, 2, 3) @ R.T).flatten(2)
     with torch.no_grad():
-        before, _ = network(window)
+        before, *_ = network(window)
         network.R_NB.copy_(R.T)
-        after, _ = network(turned)
+        after, *_ = network(turned)
     atol = 1e-4 if mount == "fixed" else 0.05  # the mean force is nearly, not quite, along z
     torch.testing.assert_close((before.view(2, 2, 3) @ R.T).flatten(1), after, atol=atol, rtol=0.0)
+
+
+def test_scales_are_of_the_networks_frame():
+    torch.manual_seed(5)
+    network = IPNet(NetworkConfig(64, 24.0, pieces=())).eval()
+    network.R_NB.copy_(torch.tensor([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]))
+    window = hovering(network.config)
+    with torch.no_grad():
+        bias, scale, R = network(window)
+        found, in_B = network.estimates(window)[-1]
+    torch.testing.assert_close(bias, found)
+    torch.testing.assert_close(scale.view(2, 2, 3) @ R, in_B.view(2, 2, 3))  # axes change places
+
+
+def test_activations_are_exported_as_what_they_are(monkeypatch):
+    slope = Slope()
+    x = torch.linspace(-2.0, 2.0, 9)
+    plain = slope(x)
+    monkeypatch.setattr(torch.onnx, "is_in_onnx_export", lambda: True)
+    assert torch.equal(slope(x), plain)

@@ -15,12 +15,13 @@ from ipnet.device import learn
 from ipnet.errors import ConfigError
 from ipnet.export import ONNX, SAFETENSORS, export, export_folder, load, save
 from ipnet.model import IPNet
-from ipnet.network_source import Network, NetworkPrior, make
+from ipnet.network_source import Network, NetworkPrior, in_body, make
 from ipnet.prediction import predict
 from ipnet.recordings import Label
 from ipnet.training import begin
 from ipnet.weights import Card, NetworkCard, find, names
-from ipnet.windows import WindowStream
+from ipnet.windows import WindowStream, joined
+from navcore import so3
 from navcore.calibration import Calibration
 from navcore.imu import ImuNoise
 from navcore.prior import load_prior
@@ -28,9 +29,11 @@ from navcore.sequence import Sequence
 from tests.ipnet.flying import SMALL, flight
 
 SHORT = replace(SMALL, samples=64, rate_hz=32.0)  # 2 s
+MEDIUM = replace(SMALL, samples=96)  # 4 s
 FLIGHT = flight(7, seconds=25.0)
 ERRORS = {
     "short": ErrorModel(np.diag(np.repeat([1e-4, 1e-2], 3)), np.full(6, 2.0), np.full(6, 1e-3)),
+    "medium": ErrorModel(np.diag(np.repeat([1e-5, 2e-3], 3)), np.ones(6), np.zeros(6)),
     "long": ErrorModel(np.diag(np.repeat([1e-6, 1e-3], 3)), np.ones(6), np.zeros(6)),
 }
 
@@ -39,7 +42,7 @@ ERRORS = {
 def weights(tmp_path_factory):
     folder = tmp_path_factory.mktemp("weights")
     tracks = [flight(k) for k in range(2)]
-    shapes = {"short": (SHORT, 2.0), "long": (SMALL, 4.0)}
+    shapes = {"short": (SHORT, 2.0), "medium": (MEDIUM, 1.0), "long": (SMALL, 4.0)}
     for name, (shape, _) in shapes.items():
         torch.manual_seed(1)
         network = IPNet(shape)
@@ -65,16 +68,17 @@ def rows(found):
     return np.array([[z.t_ns * 1e-9, *z.vector, *np.diagonal(z.covariance)] for z in found])
 
 
-@pytest.mark.parametrize("name", ["short", "long"])
+@pytest.mark.parametrize("name", ["short", "medium", "long"])
 def test_the_exported_network_says_the_same(weights, name):
     card = Card.read(weights).networks[name]
     network, exported = load(weights / f"{name}{SAFETENSORS}", card.config), Network(weights / f"{name}{ONNX}")
     for window in WindowStream(card.grid).add(FLIGHT.imu):
         with torch.no_grad():
-            bias, scale = network(torch.from_numpy(window.values[None].astype(np.float32)))
-        found, variance = exported(window)
-        np.testing.assert_allclose(found, bias[0], atol=1e-5)
-        np.testing.assert_allclose(variance, 2.0 * scale[0] ** 2, rtol=1e-3)
+            bias, scale, R = network(torch.from_numpy(window.values[None].astype(np.float32)))
+        said = exported(window.values)
+        np.testing.assert_allclose(said.bias, bias[0], atol=1e-5)
+        np.testing.assert_allclose(said.variance, 2.0 * scale[0] ** 2, rtol=1e-3)
+        np.testing.assert_allclose(said.R_NB, R[0], atol=1e-6)
 
 
 def test_chunks_do_not_matter_and_the_future_is_unknown(weights):
@@ -89,31 +93,63 @@ def test_the_same_input_gives_the_same_bits(weights):
     np.testing.assert_array_equal(rows(said(weights, FLIGHT.imu, 50)), rows(said(weights, FLIGHT.imu, 50)))
 
 
-def test_the_short_network_speaks_until_the_middle_of_the_long_ones_first_window(weights):
+def test_each_network_speaks_until_the_middle_of_the_next_ones_first_window(weights):
     found = said(weights, FLIGHT.imu, 100)
     source = make(str(weights), None)
     begin = FLIGHT.imu.t_ns[0] * 1e-9
-    np.testing.assert_allclose([z.t_ns * 1e-9 - begin for z in found], [1.0, 4.0, 8.0, 12.0, 16.0, 20.0], atol=0.01)
-    assert np.diff([z.t_ns for z in found]).min() * 1e-9 >= source.window_s - 1e-3
-    np.testing.assert_array_equal(source.constant_covariance, ERRORS["long"].constant)
+    stamps = np.array([z.t_ns * 1e-9 - begin for z in found])
+    np.testing.assert_allclose(stamps, [1.0, 2.0, 3.0, 4.0, 8.0, 12.0, 16.0, 20.0], atol=0.01)
+    assert np.diff(stamps).min() >= source.window_s - 1e-3
     assert source.device() is None
 
 
+def test_after_a_gap_all_begin_anew(weights):
+    gap = FLIGHT.imu[: len(FLIGHT.imu) // 2]
+    later = replace(FLIGHT.imu, t_ns=FLIGHT.imu.t_ns + round(60e9))
+    found = said(weights, joined(gap, later), 100)
+    stamps = np.array([(z.t_ns - later.t_ns[0]) * 1e-9 for z in found])
+    np.testing.assert_allclose(stamps[stamps > 0.0], [1.0, 2.0, 3.0, 4.0, 8.0, 12.0, 16.0, 20.0], atol=0.01)
+
+
+def alone(weights, name, more=0.0):
+    """(windows, 6, 6) covariances of a network's own statements."""
+    card, network = Card.read(weights).networks[name], Network(weights / f"{name}{ONNX}")
+    each = [network(w.values) for w in WindowStream(card.grid).add(FLIGHT.imu)]
+    return [in_body(np.diag(card.errors.variance(s.variance) + more), s.R_NB) for s in each]
+
+
 def test_overlapping_windows_count_for_what_is_new(weights):
-    card = Card.read(weights).networks["long"]
-    alone = [
-        np.diag(card.errors.variance(Network(weights / f"long{ONNX}")(w)[1]))
-        for w in WindowStream(card.grid).add(FLIGHT.imu)
-    ]
-    long = said(weights, FLIGHT.imu, 100)[1:]
-    np.testing.assert_allclose(long[0].covariance, alone[0], rtol=1e-6)
-    np.testing.assert_allclose(long[1].covariance, 2.0 * alone[1], rtol=1e-6)
+    long = said(weights, FLIGHT.imu, 100)[3:]
+    first, second = alone(weights, "long")[:2]
+    np.testing.assert_allclose(long[0].covariance, first, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(long[1].covariance, 2.0 * second, rtol=1e-6, atol=1e-12)
 
 
-def test_what_the_short_network_has_more_of_constant_error_is_in_its_noise(weights):
-    first = said(weights, FLIGHT.imu, 100)[0]
-    more = np.diagonal(ERRORS["short"].constant) - np.diagonal(ERRORS["long"].constant)
-    assert (np.diagonal(first.covariance) > more).all()
+def test_what_shorter_networks_have_more_of_constant_error_is_in_their_noise(weights):
+    found = said(weights, FLIGHT.imu, 100)
+    for k, name, times in ((0, "short", 1), (1, "medium", 2)):
+        more = times * (np.diagonal(ERRORS[name].constant) - np.diagonal(ERRORS["long"].constant))
+        np.testing.assert_allclose(found[k].covariance, alone(weights, name, more)[0], rtol=1e-6, atol=1e-12)
+
+
+def test_covariances_turn_with_the_frame():
+    R = so3.exp(np.array([0.3, -0.2, 0.9]))
+    draws = np.random.default_rng(1).normal(size=(6, 4000)) * np.arange(1.0, 7.0)[:, None]
+    turned = np.vstack([R.T @ draws[:3], R.T @ draws[3:]])
+    np.testing.assert_allclose(in_body(draws @ draws.T, R), turned @ turned.T, rtol=1e-9, atol=1e-6)
+
+
+@pytest.mark.parametrize("mount", ["fixed", "any"])
+def test_the_constant_error_is_told_in_the_imus_frame(tmp_path, mount):
+    torch.manual_seed(2)
+    network = IPNet(replace(SHORT, mount=mount, pieces=()))
+    network.R_NB.copy_(torch.from_numpy(so3.exp(np.array([0.4, 0.0, 0.0])).astype(np.float32)))
+    export(network, tmp_path / f"long{ONNX}")
+    constant = np.diag([1.0, 2.0, 3.0, 10.0, 20.0, 30.0])
+    card = Card({"long": NetworkCard(network.config, 2.0, ErrorModel(constant, np.ones(6), np.zeros(6)))}, (), (), {})
+    found = NetworkPrior(tmp_path, card).constant_covariance
+    fixed = in_body(constant, network.R_NB.double().numpy())
+    np.testing.assert_allclose(found, fixed if mount == "fixed" else np.diag([2.0] * 3 + [20.0] * 3), atol=1e-5)
 
 
 def test_an_unknown_name_is_answered_with_the_known():
@@ -152,7 +188,7 @@ def test_the_source_needs_no_torch():
 
 
 def test_export_replaces_whole_files(tmp_path):
-    export(IPNet(replace(SHORT, reach=())), tmp_path / "x.onnx")
+    export(IPNet(replace(SHORT, pieces=())), tmp_path / "x.onnx")
     assert [p.name for p in tmp_path.iterdir()] == ["x.onnx"]
 
 
@@ -170,7 +206,7 @@ def test_what_can_remember_a_device_is_no_surer_than_the_device_prior(tmp_path):
     tracks = [flight(k, seconds=16.0) for k in range(5)]
     biases = [Label(t.name, t.bias[0], np.eye(6)) for t in tracks[:3]]
     for centred in (True, False):
-        shape = replace(SHORT, centred=centred, reach=())
+        shape = replace(SHORT, centred=centred, pieces=())
         export(IPNet(shape), tmp_path / f"short{ONNX}")
         card = Card({"short": NetworkCard(shape, 2.0, ERRORS["short"])}, (), (), {})
         found = calibrate(tmp_path, card, tracks[3:], tracks[:3]).networks["short"].errors
