@@ -4,13 +4,10 @@ Model: z = b + c + e. The bias b is a random walk; c, what is wrong with the sou
 short-lived: white at one measurement a window, since windows that overlap share it.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
-from navcore.arrays import Floats, Stamps, frozen
+from navcore.arrays import Floats
 from navcore.imu import ImuNoise
 from navcore.prior import BiasPrior
 
@@ -22,27 +19,6 @@ SPREAD = (0.05, 0.3)
 def nothing_known(t_ns: int, spread: tuple[float, float] = SPREAD) -> BiasPrior:
     """A wide prior around zero; `spread`: sd in rad/s and m/s^2."""
     return BiasPrior(t_ns, np.zeros(3), np.zeros(3), np.diag(np.repeat(spread, 3) ** 2))
-
-
-@dataclass(frozen=True)
-class FusedBias:
-    """An estimate over time.
-
-    Attributes:
-        t_ns: (N,) of the start and of each measurement that was used.
-        mean: (N, 6) b_g [rad/s], b_a [m/s^2].
-        covariance: (N, 6, 6).
-    """
-
-    t_ns: Stamps
-    mean: Floats
-    covariance: Floats
-
-    def __post_init__(self) -> None:
-        n = len(self.t_ns)
-        object.__setattr__(self, "t_ns", frozen("t_ns", self.t_ns, np.int64, (None,)))
-        object.__setattr__(self, "mean", frozen("mean", self.mean, np.float64, (n, 6)))
-        object.__setattr__(self, "covariance", frozen("covariance", self.covariance, np.float64, (n, 6, 6)))
 
 
 class Fusion:
@@ -84,20 +60,3 @@ class Fusion:
 
     def _seconds_to(self, t_ns: int) -> float:
         return max(t_ns - self._now_ns, 0) * 1e-9
-
-
-def fuse(
-    measurements: Iterable[BiasPrior],
-    start: BiasPrior,
-    constant_covariance: Floats,
-    window_s: float,
-    noise: ImuNoise,
-) -> FusedBias:
-    """The estimate at the start and after each measurement that counts; arguments as for `Fusion`."""
-    fusion = Fusion(start, constant_covariance, window_s, noise)
-    states = [start] + [fusion.at(z.t_ns) for z in measurements if fusion.add(z)]
-    return FusedBias(
-        np.array([s.t_ns for s in states]),
-        np.array([s.vector for s in states]),
-        np.array([s.covariance for s in states]),
-    )

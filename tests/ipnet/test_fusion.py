@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 
-from ipnet.fusion import Fusion, fuse, nothing_known
+from ipnet.fusion import SPREAD, Fusion, nothing_known
 from navcore.imu import ImuNoise
 from navcore.prior import BiasPrior
 
@@ -21,32 +21,39 @@ def measured(values, every_s=5.0, covariance=E):
     ]
 
 
+def fused(measurements, noise, spread=SPREAD):
+    """The stamps of the measurements that count, and the estimate after the last of all."""
+    fusion = Fusion(nothing_known(0, spread), C, 5.0, noise)
+    return [z.t_ns for z in measurements if fusion.add(z)], fusion.at(measurements[-1].t_ns)
+
+
 def test_it_is_the_posterior_of_all_measurements_at_once():
     """Oracle: the joint Gaussian of b at the start and at ten times, c and e, conditioned in one step."""
     rng = np.random.default_rng(1)
     z = measured(rng.normal(size=(10, 6)) * 0.1)
-    fused = fuse(z, nothing_known(0), C, 5.0, WALKING)
+    _, found = fused(z, WALKING)
     t = np.array([m.t_ns for m in z]) * 1e-9
     walk = np.diag(np.repeat([1e-3, 1e-2], 3) ** 2)
     start = nothing_known(0).covariance
     of_b = np.kron(np.ones((10, 10)), start) + np.kron(np.minimum.outer(t, t), walk)
     S = of_b + np.kron(np.ones((10, 10)), C) + np.kron(np.eye(10), E)
     gain = of_b[-6:] @ np.linalg.inv(S)
-    np.testing.assert_allclose(fused.mean[-1], gain @ np.concatenate([m.vector for m in z]), atol=1e-10)
-    np.testing.assert_allclose(fused.covariance[-1], of_b[-6:, -6:] - gain @ of_b[:, -6:], atol=1e-12)
+    np.testing.assert_allclose(found.vector, gain @ np.concatenate([m.vector for m in z]), atol=1e-10)
+    np.testing.assert_allclose(found.covariance, of_b[-6:, -6:] - gain @ of_b[:, -6:], atol=1e-12)
 
 
 def test_what_is_constant_never_averages_out():
     z = measured(np.zeros((1000, 6)))
-    fused = fuse(z, nothing_known(0, (10.0, 10.0)), C, 5.0, STILL)
-    left = np.sqrt(np.diagonal(fused.covariance[-1]))
+    _, found = fused(z, STILL, (10.0, 10.0))
+    left = np.sqrt(np.diagonal(found.covariance))
     np.testing.assert_allclose(left, np.sqrt(np.diagonal(C)), rtol=0.02)
 
 
 def test_windows_that_overlap_count_once():
-    once = fuse(measured(np.ones((4, 6)), every_s=5.0), nothing_known(0), C, 5.0, STILL)
-    often = fuse(measured(np.ones((16, 6)), every_s=1.25), nothing_known(0), C, 5.0, STILL)
-    np.testing.assert_array_equal(often.t_ns, once.t_ns)
+    (once_ns, once), (often_ns, often) = (
+        fused(measured(np.ones((n, 6)), every_s), STILL) for n, every_s in ((4, 5.0), (16, 1.25))
+    )
+    assert often_ns == once_ns
     np.testing.assert_array_equal(often.covariance, once.covariance)
 
 
@@ -69,9 +76,9 @@ def test_a_run_is_consistent():
     for _ in range(300):
         b, c = rng.multivariate_normal(np.zeros(6), start.covariance), rng.multivariate_normal(np.zeros(6), C)
         z = measured(b + c + rng.multivariate_normal(np.zeros(6), E, size=8))
-        fused = fuse(z, start, C, 5.0, STILL)
-        r = fused.mean[-1] - b
-        squares.append(r @ np.linalg.solve(fused.covariance[-1], r) / 6.0)
+        _, found = fused(z, STILL)
+        r = found.vector - b
+        squares.append(r @ np.linalg.solve(found.covariance, r) / 6.0)
     assert abs(np.mean(squares) - 1.0) < 3.3 * np.sqrt(2.0 / 1800.0)
 
 
