@@ -7,15 +7,15 @@ from navcore.arrays import Floats
 
 OFFSET = (0.02, 0.1)
 """Size of an injected offset [rad/s, m/s^2]."""
-_PATTERNS = np.asarray(hadamard(8), dtype=np.float64)[:, 1:7]  # (8, 6) signs; every axis balanced against the others
-_SIZES = np.where(np.arange(8) % 2, 0.5, 1.0)[:, None]  # so that not one size alone is asked
+_SIGNS = np.asarray(hadamard(8), dtype=np.float64)[:, 1:7]  # (8, 6); every axis balanced against the others
+_PATTERNS = np.vstack([_SIGNS, 0.5 * _SIGNS])  # (16, 6); so that not one size alone is asked
 
 
 def offsets_of(index: int, count: int, size: tuple[float, float] = OFFSET) -> Floats:
-    """(2 M, 6) offsets for run `index` of `count`: M patterns with both signs; together the runs cover all eight."""
-    m = -(-8 // count)
-    rows = [(index * m + j) % 8 for j in range(m)]
-    patterns = _PATTERNS[rows] * _SIZES[rows] * np.repeat(size, 3)
+    """(2 M, 6) offsets for run `index` of `count`: M patterns with both signs; together the runs cover all sixteen."""
+    m = -(-len(_PATTERNS) // count)
+    rows = [(index * m + j) % len(_PATTERNS) for j in range(m)]
+    patterns = _PATTERNS[rows] * np.repeat(size, 3)
     return np.vstack([patterns, -patterns])
 
 

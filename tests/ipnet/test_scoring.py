@@ -118,6 +118,14 @@ def test_offsets_tell_axes_apart_and_have_both_signs():
         np.testing.assert_allclose(offsets.sum(axis=0), 0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize("count", [1, 2, 4, 8, 16, 32])
+def test_offsets_of_two_axes_are_never_alike(count):
+    """Nor is one size asked more often than the other."""
+    offsets = np.vstack([offsets_of(k, count, (1.0, 1.0)) for k in range(count)])
+    second = offsets.T @ offsets / len(offsets)
+    np.testing.assert_allclose(second, (1.0 + 0.25) / 2.0 * np.eye(6), atol=1e-12)
+
+
 def test_truth_and_constant_are_the_two_ends(tmp_path):
     path = tmp_path / "device.json"
     path.write_text('{"b_g": [0,0,0], "b_a": [0,0,0], "covariance": [1e-2,1e-2,1e-2,1,1,1]}')
