@@ -11,7 +11,7 @@ from navcore.sequence import Frame, Sequence
 from sim.errors import ConfigError
 from sim.motion import Motion
 from sim.points.tracks import LANDMARKS
-from sim.replay import replayed, smooth_truth
+from sim.replay import SmoothedTruth, replayed, smooth_truth
 from sim.replay.figures import figures
 from sim.replay.replay import frame_stamps
 from sim.replay.stamps import open_recording, read_stamps
@@ -33,8 +33,19 @@ def recording(flight: Motion) -> Sequence:
     return replace(spoilt, calibration=replace(calibration, cameras=mounts), frames=frames)
 
 
-def test_the_gyro_and_the_path_agree_to_a_tenth_of_a_pixel(recording: Sequence) -> None:
-    path = smooth_truth(recording)
+@pytest.fixture(scope="module")
+def path(recording: Sequence) -> SmoothedTruth:
+    return smooth_truth(recording)
+
+
+@pytest.fixture
+def smoothed(path: SmoothedTruth, monkeypatch: pytest.MonkeyPatch) -> SmoothedTruth:
+    """The path, which `replayed` need not find again."""
+    monkeypatch.setattr("sim.replay.replay.smooth_truth", lambda _: path)
+    return path
+
+
+def test_the_gyro_and_the_path_agree_to_a_tenth_of_a_pixel(recording: Sequence, path: SmoothedTruth) -> None:
     stamps, _ = frame_stamps(recording, None, path)
     found = figures(recording, path, stamps)
     assert found.frame_px_max < 0.1
@@ -58,14 +69,15 @@ def test_it_keeps_the_imu_and_stamps_frames_in_its_time(opengl: None, recording:
     assert len(stamps) >= len(wanted) - 4
 
 
-def test_a_part_begins_and_ends_where_it_is_asked_to(opengl: None, recording: Sequence) -> None:
+@pytest.mark.usefixtures("opengl", "smoothed")
+def test_a_part_begins_and_ends_where_it_is_asked_to(recording: Sequence) -> None:
     with replayed(recording, start_s=5.0, end_s=6.0) as sequence:
         stamps = np.array([f.t_ns for f in sequence.frames])
         assert len(stamps) == 21
         assert 0.0 <= (stamps[0] - sequence.imu.t_ns[0]) * 1e-9 <= 0.1
 
 
-def test_rendered_flow_is_that_of_the_path(opengl: None, recording: Sequence) -> None:
+def test_rendered_flow_is_that_of_the_path(opengl: None, recording: Sequence, smoothed: SmoothedTruth) -> None:
     """OpenCV's corners and their flow, against the scene's geometry seen from the path."""
     with replayed(recording, start_s=12.0, end_s=12.2, seed=3) as sequence:
         images = [f.images[0].load() for f in sequence.frames[:2]]
@@ -79,7 +91,7 @@ def test_rendered_flow_is_that_of_the_path(opengl: None, recording: Sequence) ->
     poses = []
     for R_WB, p_WB in zip(states.R_WB, states.p_WB, strict=True):
         poses.append((R_WB @ mount.R_BC, p_WB + R_WB @ mount.p_BC))
-    layout = make_layout("room", smooth_truth(recording).motion.p_WB, Streams.of(3).world)
+    layout = make_layout("room", smoothed.motion.p_WB, Streams.of(3).world)
     (R_0, p_0), (R_1, p_1) = poses
     rays = mount.camera.unproject(before) @ R_0.T
     start = np.tile(p_0, (len(rays), 1))
@@ -91,7 +103,8 @@ def test_rendered_flow_is_that_of_the_path(opengl: None, recording: Sequence) ->
     assert np.median(error) < 0.15
 
 
-def test_the_same_request_gives_the_same_image(opengl: None, recording: Sequence) -> None:
+@pytest.mark.usefixtures("opengl", "smoothed")
+def test_the_same_request_gives_the_same_image(recording: Sequence) -> None:
     images = []
     for _ in range(2):
         with replayed(recording, start_s=3.0, end_s=3.1, degrade="low_light:3@0-0.1") as sequence:
@@ -99,7 +112,7 @@ def test_the_same_request_gives_the_same_image(opengl: None, recording: Sequence
     np.testing.assert_array_equal(images[0], images[1])
 
 
-def test_landmarks_are_seen_from_the_path_without_images(recording: Sequence) -> None:
+def test_landmarks_are_seen_from_the_path_without_images(recording: Sequence, smoothed: SmoothedTruth) -> None:
     with replayed(recording, mode="points", start_s=12.0, end_s=14.0, degrade="blackout@1-1.5", seed=3) as sequence:
         truth, mount = sequence.truth, sequence.calibration.cameras[0]
         seen = [f.tracks[0] for f in sequence.frames]
@@ -107,7 +120,7 @@ def test_landmarks_are_seen_from_the_path_without_images(recording: Sequence) ->
     assert [len(s) > 0 for s in seen] == [True] * 20 + [False] * 10 + [True] * 11
     assert truth is not None
     world, states = Streams.of(3).world, truth.at(stamps)
-    points, _ = make_layout("room", smooth_truth(recording).motion.p_WB, world).landmarks(LANDMARKS, world)
+    points, _ = make_layout("room", smoothed.motion.p_WB, world).landmarks(LANDMARKS, world)
     for k in (0, 10, 40):
         R_WC = states.R_WB[k] @ mount.R_BC
         p_CF = (points - states.p_WB[k] - states.R_WB[k] @ mount.p_BC) @ R_WC
@@ -134,7 +147,8 @@ def test_a_bad_request_ends_before_work_begins(recording: Sequence, monkeypatch:
             pass
 
 
-def test_a_part_without_frames_says_where_they_end(opengl: None, recording: Sequence) -> None:
+@pytest.mark.usefixtures("opengl", "smoothed")
+def test_a_part_without_frames_says_where_they_end(recording: Sequence) -> None:
     with pytest.raises(DataError, match="frames end at"), replayed(recording, start_s=50.0):
         pass
 
