@@ -11,10 +11,11 @@ from ipnet import device
 from ipnet.calibration import ErrorModel, WindowErrors, fit
 from ipnet.dataset import Track
 from ipnet.errors import LabelError
-from ipnet.network_source import ONNX, Network
+from ipnet.network_source import ONNX, Network, in_body
 from ipnet.recordings import Label
 from ipnet.weights import Card, NetworkCard
 from ipnet.windows import WindowStream
+from navcore.arrays import Rotations
 
 FEW = 12
 """Fewer validation recordings show nothing of what their device's biases do from day to day."""
@@ -42,7 +43,8 @@ def calibrate(folder: Path, card: Card, tracks: Iterable[Track], training: Itera
             raise LabelError(f"{len(tracks)} recordings to calibrate on; none is as long as a window of {name}")
         model = fitted(errors, network.grid.seconds)
         if not network.config.centred:
-            model = remembered(model, len(errors), training)
+            R_NB = exported(np.ones((network.config.samples, 6))).R_NB
+            model = remembered(model, len(errors), training, R_NB)
         networks[name] = replace(network, errors=model, validation=figures(errors, model))
     return replace(card, networks=networks)
 
@@ -59,11 +61,17 @@ def fitted(errors: list[WindowErrors], window_s: float) -> ErrorModel:
     return ErrorModel(np.diag(0.5 * square), np.sqrt(0.5 * square / stated), np.zeros(6))
 
 
-def remembered(model: ErrorModel, recordings: int, training: Iterable[Track]) -> ErrorModel:
+def remembered(model: ErrorModel, recordings: int, training: Iterable[Track], R_NB: Rotations) -> ErrorModel:
     """The error model of a network that can remember its device.
 
     How wrong a memory is shows on other days, and few recordings are often of the same. So if fewer than `FEW` of them
     gave the model, the constant error is widened by what the training recordings allow for the device's next one.
+
+    Args:
+        model: of those recordings, in the network's frame.
+        recordings: how many they are.
+        training: those that the network was trained on.
+        R_NB: (3, 3) to the network's frame; where the mount may be any, only the mean over axes counts, in any frame.
 
     Raises:
         ConfigError: fewer than two training recordings.
@@ -71,7 +79,7 @@ def remembered(model: ErrorModel, recordings: int, training: Iterable[Track]) ->
     if recordings >= FEW:
         return model
     labels = [Label(t.name, t.bias.mean(axis=0), 1e-12 * np.eye(6)) for t in training]
-    return replace(model, constant=model.constant + device.learn(labels).covariance)
+    return replace(model, constant=model.constant + in_body(device.learn(labels).covariance, R_NB.T))
 
 
 def window_errors(network: Network, card: NetworkCard, track: Track) -> WindowErrors:

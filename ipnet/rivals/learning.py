@@ -135,7 +135,7 @@ def calibrate(lessons: Lessons, folder: Path, card: RivalCard) -> ErrorModel:
     runs = [listen(LearnedPrior(folder, replace(card, errors=uncalibrated())), span) for span in lessons.spans]
     errors = [run.errors for run in runs]
     model = fitted(errors, runs[0].window_s)
-    return remembered(model, len({e.recording for e in errors}), lessons.training)
+    return remembered(model, len({e.recording for e in errors}), lessons.training, np.eye(3))
 
 
 def _export(network: nn.Module, inputs: dict[str, Tensor], path: Path) -> None:

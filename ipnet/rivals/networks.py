@@ -6,7 +6,7 @@ from torch import Tensor, nn
 from ipnet.model import INPUT, SIGMA, BiasNetwork
 from ipnet.presets import NetworkConfig
 
-CONFIG = NetworkConfig(512, 51.2)
+CONFIG = NetworkConfig(512, 51.2, pieces=())
 """Windows of 10 s, as both networks see them in training."""
 STEP = 64
 """Samples between two estimates of the recursive network: 1.25 s."""
