@@ -6,15 +6,17 @@ from ipnet import joined, weights
 from ipnet.motion import store
 from ipnet.rivals import learned, window_mean
 from navcore.prior import split_prior
+from navcore.priors import constant
 
 
 def seen_by(spec: str) -> frozenset[str]:
     """Names of the recordings that the sources in a spec were trained, chosen or calibrated by.
 
-    Sources that are made from none have seen none; nor has `constant:FILE`, as far as its file says.
+    Sources that are made from none have seen none; nor has `constant:FILE` where its file does not say.
 
     Raises:
         ConfigError: a source has nothing of the name in the spec.
+        DataError: a device's file is missing or wrong.
     """
     parts = [part.partition(":") for part in split_prior(spec)]
     return frozenset(name for source, _, argument in parts if source in _SEEN for name in _SEEN[source](argument))
@@ -48,6 +50,7 @@ def _learned(rival: str) -> Callable[[str], Iterable[str]]:
 
 
 _SEEN: dict[str, Callable[[str], Iterable[str]]] = {
+    "constant": constant.learned_from,
     "ipnet": _network,
     "motion": _motion,
     "ipnet+motion": _joined,

@@ -13,6 +13,7 @@ from navcore.priors.listed import ListedPrior
 from navcore.sequence import Sequence
 
 _KEYS = ("b_g", "b_a", "covariance")
+_FROM = "recordings"
 _EXPECTED = "b_g (3 rad/s), b_a (3 m/s^2), covariance (6x6, or 6 variances) of b_g, b_a"
 
 
@@ -36,6 +37,15 @@ def make(argument: str, sequence: Sequence | None) -> BiasPriorSource:
         raise DataError(f"{path}: {error}") from error
 
 
+def learned_from(argument: str) -> tuple[str, ...]:
+    """Names of the recordings that a file's values were learned from, as far as it says: its `recordings`.
+
+    Raises:
+        DataError: as `make`.
+    """
+    return tuple(_load(Path(argument)).get(_FROM, ()))
+
+
 def _load(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise DataError(f"{path}: no such file; expected JSON with {_EXPECTED}")
@@ -43,9 +53,12 @@ def _load(path: Path) -> dict[str, Any]:
         content = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise DataError(f"{path}: not JSON: {error}; expected {_EXPECTED}") from error
-    if not isinstance(content, dict) or set(content) != set(_KEYS):
+    if not isinstance(content, dict) or set(content) - {_FROM} != set(_KEYS):
         got = sorted(content) if isinstance(content, dict) else type(content).__name__
-        raise DataError(f"{path}: keys are {got}, expected exactly {_EXPECTED}")
+        raise DataError(f"{path}: keys are {got}, expected exactly {_EXPECTED}; beside them {_FROM} may be")
+    names = content.get(_FROM, [])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise DataError(f"{path}: {_FROM} is {names!r}, expected a list of names")
     return content
 
 

@@ -7,6 +7,7 @@ from ipnet.device import learn
 from ipnet.errors import ConfigError
 from ipnet.recordings import Label
 from navcore.prior import load_prior
+from navcore.priors.constant import learned_from
 
 SD = np.repeat([0.004, 0.08], 3)
 
@@ -44,8 +45,21 @@ def test_the_file_is_a_constant_prior(tmp_path):
     known = load_prior(f"constant:{tmp_path / 'device.json'}").device()
     np.testing.assert_array_equal(known.vector, device.mean)
     np.testing.assert_array_equal(known.covariance, device.covariance)
+    assert learned_from(str(tmp_path / "device.json")) == device.recordings == ("r0", "r1", "r2")
 
 
 def test_one_recording_says_nothing_of_a_spread():
     with pytest.raises(ConfigError, match="1 recordings"):
         learn(labels(np.random.default_rng(3), 1))
+
+
+def test_one_recording_twice_is_one():
+    (once,) = labels(np.random.default_rng(3), 1)
+    with pytest.raises(ConfigError, match="2 recordings, 1 of them different"):
+        learn([once, once])
+
+
+def test_biases_that_never_differ_say_nothing_of_a_spread():
+    drawn = np.random.default_rng(4).normal(size=(3, 6)) * np.repeat([0.0, 1.0], 3)
+    with pytest.raises(ConfigError, match="biases of a sensor are the same in all of r0, r1, r2"):
+        learn([Label(f"r{k}", bias, np.eye(6)) for k, bias in enumerate(drawn)])

@@ -61,6 +61,7 @@ def test_constant_is_memory_of_the_device_and_no_measurement(tmp_path, as_matrix
     ("change", "says"),
     [
         ({"b_q": [1, 2, 3]}, r"keys are \['b_a', 'b_g', 'b_q', 'covariance'\], expected exactly"),
+        ({"recordings": "all"}, r"recordings is 'all', expected a list of names"),
         ({"b_g": [1, 2]}, r"b_g has shape \(2,\), expected \(3,\)"),
         ({"b_g": "small"}, "b_g does not hold numbers"),
         ({"covariance": [1.0] * 5}, r"covariance has shape \(5,\), expected \(6, 6\)"),
