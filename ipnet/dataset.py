@@ -12,7 +12,7 @@ from torch.utils.data import Dataset
 
 from ipnet.errors import LabelError
 from ipnet.presets import NetworkConfig
-from ipnet.recordings import Recording, find, open_recordings
+from ipnet.recordings import Recording, find_all, open_recordings
 from ipnet.windows import MAX_GAP_S, means
 from navcore import so3
 from navcore.arrays import Floats, Rotations, Stamps
@@ -78,7 +78,7 @@ def open_tracks(
     Raises:
         LabelError: none is there, or see `open_recordings`.
     """
-    folders = [f for path in paths for f in find(path) if wanted is None or f.name in wanted]
+    folders = [f for f in find_all(paths) if wanted is None or f.name in wanted]
     if not folders:
         raise LabelError(f"none of the recordings of the split is there; expected {wanted}")
     return [_track(folder, labels, cache) for folder in folders]

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import onnxruntime
 
+from ipnet.exported import open_exported
 from ipnet.weights import NETWORKS, Card, NetworkCard, find
 from ipnet.windows import ImuWindow, WindowStream
 from navcore.arrays import Floats, Rotations
@@ -33,13 +33,10 @@ class Statement:
 
 
 class Network:
-    """An exported network; one thread, so that the same input gives the same bits."""
+    """An exported network."""
 
     def __init__(self, path: Path) -> None:
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 3
-        self._session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+        self._session = open_exported(path)
 
     def __call__(self, values: Floats) -> Statement:
         """Of a window's values (n, 6)."""

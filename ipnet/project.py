@@ -13,6 +13,7 @@ from ipnet.errors import ConfigError
 from ipnet.export import ONNX, SAFETENSORS, export, load, save
 from ipnet.model import IPNet
 from ipnet.presets import NetworkConfig, TrainingConfig, preset
+from ipnet.recordings import kept_apart
 from ipnet.splits import split
 from ipnet.training import Devices, begin, train
 from ipnet.weights import Card, NetworkCard, find, uncalibrated
@@ -64,11 +65,14 @@ def build(project: Project, out: Path, devices: Devices | None = None, progress:
 
     Raises:
         ConfigError: a name is unknown, or a network lacks the weights to begin with.
-        LabelError: recordings cannot be found, or have no known biases, or are too short.
+        LabelError: recordings cannot be found, or have no known biases, or are too short, or some that were learned
+            from, be it by the weights to begin with, validate too.
     """
     config = project.training_config
     training, validation = _tracks(project, out / "recordings")
     before = Card.read(find(project.start)) if project.start else None
+    known = (before.training, before.validation) if before is not None else ((), ())
+    kept_apart([*known[0], *(t.name for t in training)], (t.name for t in validation))
     cards = {}
     shapes = {name: shape for name, shape in preset(project.preset).networks.items() if name in project.networks}
     for name in sorted(shapes, key=lambda name: name in WEIGHTS_OF):
@@ -83,7 +87,6 @@ def build(project: Project, out: Path, devices: Devices | None = None, progress:
         export(network, out / f"{name}{ONNX}")
         every_s = min(EVERY_S[name], shape.samples / shape.rate_hz)
         cards[name] = NetworkCard(shape, every_s, uncalibrated())
-    known = (before.training, before.validation) if before is not None else ((), ())
     card = Card(
         cards,
         tuple(sorted({*known[0], *(t.name for t in training)})),

@@ -36,6 +36,8 @@ class Label:
     def __post_init__(self) -> None:
         object.__setattr__(self, "bias", frozen("bias", self.bias, np.float64, (6,)))
         object.__setattr__(self, "covariance", frozen("covariance", self.covariance, np.float64, (6, 6)))
+        if not (np.isfinite(self.bias).all() and np.isfinite(self.covariance).all()):
+            raise LabelError(f"{self.sequence}: bias {self.bias} or its covariance is not finite")
 
 
 @dataclass(frozen=True)
@@ -92,15 +94,14 @@ def open_recordings(paths: Iterable[Path], labels: Path | None = None, labels_fi
         labels_first: a recording that has a label goes by it, also if its truth has biases.
 
     Raises:
-        LabelError: a path holds no recording, a recording has neither true biases nor a label, or labels come first
-            and there are none.
+        LabelError: a path holds no recording, two recordings have one name, a recording has neither true biases nor a
+            label, or labels come first and there are none.
         DataError: a recording cannot be read.
     """
     if labels_first and labels is None:
         raise LabelError("labels come first, but none are given; expected a file that `python -m ipnet label` wrote")
     known = read_labels(labels) if labels is not None else {}
-    folders = [folder for path in paths for folder in find(path)]
-    return [labelled(open_sequence(folder), known.get(folder.name), labels_first) for folder in folders]
+    return [labelled(open_sequence(folder), known.get(folder.name), labels_first) for folder in find_all(paths)]
 
 
 def labelled(sequence: Sequence, label: Label | None = None, labels_first: bool = False) -> Recording:
@@ -145,6 +146,31 @@ def find(path: Path) -> list[Path]:
     if not found:
         raise LabelError(f"{path}: holds no recording; expected folders with imu0/data.csv")
     return found
+
+
+def find_all(paths: Iterable[Path]) -> list[Path]:
+    """Folders of recordings at or below paths, each once, however often it is given.
+
+    Raises:
+        LabelError: there are none at a path, or two folders have one name: they would count as one recording or as two.
+    """
+    found: dict[str, Path] = {}
+    for folder in (folder for path in paths for folder in find(path)):
+        first = found.setdefault(folder.name, folder)
+        if first.resolve() != folder.resolve():
+            raise LabelError(f"{first} and {folder}: two recordings of one name; expected one")
+    return list(found.values())
+
+
+def kept_apart(training: Iterable[str], validation: Iterable[str]) -> None:
+    """Check that no recording both is learned from and judges what was learned.
+
+    Raises:
+        LabelError: some do; the message names them.
+    """
+    shared = sorted({*training} & {*validation})
+    if shared:
+        raise LabelError(f"{', '.join(shared)}: learned from and validated on; expected recordings of only one kind")
 
 
 def _with_biases(truth: Trajectory | None) -> Trajectory | None:

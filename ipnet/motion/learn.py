@@ -13,7 +13,7 @@ from ipnet.errors import LabelError
 from ipnet.motion.fit import fit
 from ipnet.motion.source import MotionPrior
 from ipnet.motion.store import MotionCard
-from ipnet.recordings import Recording
+from ipnet.recordings import Recording, kept_apart
 from ipnet.runs import Span, cut, listen
 from navcore.arrays import Floats
 from navcore.imu import ImuNoise
@@ -35,10 +35,11 @@ def learn(
     since windows overlap: each alone may be right and all together too sure.
 
     Raises:
-        LabelError: fewer than three recordings to learn from, or too little motion in them.
+        LabelError: fewer than three recordings to learn from, or too little motion in them, or some validate too.
     """
     if len(training) < 3:
         raise LabelError(f"{len(training)} recordings to learn from; expected three or more")
+    kept_apart((r.name for r in training), (r.name for r in validation))
     plain = _card(training)
     left_out = list(training) if len(validation) < _MANY else []
     judges = [(plain, recording) for recording in validation]

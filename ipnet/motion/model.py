@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ipnet.errors import ConfigError
 from ipnet.motion.intervals import FEATURES, FORCE, SPEED, TURNS, Intervals
 from navcore.arrays import Floats, Mask, frozen
 
@@ -59,7 +60,10 @@ class MotionModel:
 
     def __post_init__(self) -> None:
         for name, shape in _SHAPES.items():
-            object.__setattr__(self, name, frozen(name, getattr(self, name), np.float64, shape))
+            values = frozen(name, getattr(self, name), np.float64, shape)
+            object.__setattr__(self, name, values)
+            if not np.isfinite(values).all():
+                raise ConfigError(f"{name} of a motion model is not finite: {values[~np.isfinite(values)]}")
 
     def innovations(self, u: Floats, turns: Floats, effects: Floats) -> Floats:
         """(N - 1, 12) w between successive features (N, 15) with turns (N, 9), at given effects (21,)."""

@@ -42,6 +42,9 @@ class MotionCard:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "R_FB", frozen("R_FB", self.R_FB, np.float64, (3, 3)))
+        known = (self.R_FB, *vars(self.errors).values(), *vars(self.noise).values())
+        if not all(np.isfinite(values).all() for values in known):
+            raise ConfigError("axes, errors or noise of a motion model are not finite")
 
     @property
     def R6(self) -> Floats:

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnxruntime
 
 from ipnet.calibration import ErrorModel
 from ipnet.errors import ConfigError
+from ipnet.exported import open_exported
 from ipnet.files import write_text
 from ipnet.windows import Grid, ImuWindow, WindowStream
 from navcore.arrays import Floats, frozen
@@ -54,17 +54,24 @@ class RivalCard:
 
     @staticmethod
     def read(folder: Path) -> "RivalCard":
-        """The card in a folder."""
-        content = json.loads((folder / CARD).read_text(encoding="utf-8"))
-        return RivalCard(
-            **{
-                **content,
-                "grid": Grid(**content["grid"]),
-                "errors": ErrorModel.from_dict(content["errors"]),
-                "training": tuple(content["training"]),
-                "validation": tuple(content["validation"]),
-            }
-        )
+        """The card in a folder.
+
+        Raises:
+            ConfigError: the content is not a card.
+        """
+        try:
+            content = json.loads((folder / CARD).read_text(encoding="utf-8"))
+            return RivalCard(
+                **{
+                    **content,
+                    "grid": Grid(**content["grid"]),
+                    "errors": ErrorModel.from_dict(content["errors"]),
+                    "training": tuple(content["training"]),
+                    "validation": tuple(content["validation"]),
+                }
+            )
+        except (ValueError, KeyError, TypeError) as error:
+            raise ConfigError(f"{folder / CARD}: {error!r}; expected what `recursive` and `corrector` write") from error
 
 
 class LearnedPrior:
@@ -75,10 +82,7 @@ class LearnedPrior:
         self.constant_covariance: Floats = card.errors.constant
         self._errors, self._past = card.errors, card.start
         self._stream = WindowStream(card.grid)
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 3
-        self._session = onnxruntime.InferenceSession(folder / ONNX, options, providers=["CPUExecutionProvider"])
+        self._session = open_exported(folder / ONNX)
         self._ready: list[BiasPrior] = []
 
     def device(self) -> BiasPrior | None:

@@ -15,7 +15,7 @@ from ipnet.dataset import Track, open_tracks
 from ipnet.export import OPSET
 from ipnet.model import BiasNetwork
 from ipnet.presets import TrainingConfig
-from ipnet.recordings import open_recordings
+from ipnet.recordings import kept_apart, open_recordings
 from ipnet.rivals.learned import ONNX, LearnedPrior, RivalCard
 from ipnet.rivals.networks import CONFIG, STEP, Corrector, Recursive, increment_loss
 from ipnet.runs import Span, cut, listen
@@ -49,8 +49,13 @@ class Lessons:
     def read(
         training: Iterable[Path], validation: Iterable[Path], labels: Path | None, kept: Path, epochs: int, seed: int
     ) -> "Lessons":
-        """From folders of recordings; what was read once is kept in a folder."""
+        """From folders of recordings; what was read once is kept in a folder.
+
+        Raises:
+            LabelError: see `open_tracks`, or a recording is of both kinds.
+        """
         tracks, chosen_by = open_tracks(training, labels, kept), open_tracks(validation, labels, kept)
+        kept_apart((t.name for t in tracks), (t.name for t in chosen_by))
         spans = cut(open_recordings(validation, labels), RUN_S)
         config = TrainingConfig(windows=16, epochs=epochs, patience=30, mount_deg=0.0)
         return Lessons(tracks, chosen_by, spans, config, seed)

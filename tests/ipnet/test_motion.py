@@ -1,5 +1,6 @@
 """Motion models and the smoother: on a body whose drag and biases are known."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -206,6 +207,8 @@ def test_a_card_comes_back_from_its_file(card, tmp_path):
 def test_what_cannot_be_had_is_said(flights, tmp_path):
     with pytest.raises(ConfigError, match="known are"):
         find("no-such-platform")
+    with pytest.raises(LabelError, match=f"{flights[0].name}: learned from and validated on"):
+        learn(flights, flights[:1])
     (tmp_path / "wrong.json").write_text("{}")
     with pytest.raises(ConfigError, match=r"wrong\.json"):
         MotionCard.read(tmp_path / "wrong.json")
@@ -216,3 +219,16 @@ def test_what_cannot_be_had_is_said(flights, tmp_path):
     with pytest.raises(LabelError, match="no truth"):
         path(replace(flights[0], truth=None), 0.5)
     assert ROWS + 9 == EFFECTS and BIAS.stop == NODE
+
+
+def test_nothing_in_a_card_is_not_a_number(card, tmp_path):
+    card.write(tmp_path / "drone.json")
+    content = json.loads((tmp_path / "drone.json").read_text())
+    for part, name, says in (
+        ("model", "D", "D of a motion model is not finite"),
+        ("errors", "floor", "errors or noise"),
+    ):
+        wrong = {**content, part: {**content[part], name: np.full_like(content[part][name], np.nan).tolist()}}
+        (tmp_path / "wrong.json").write_text(json.dumps(wrong))
+        with pytest.raises(ConfigError, match=rf"wrong\.json.*{says}"):
+            MotionCard.read(tmp_path / "wrong.json")

@@ -3,16 +3,18 @@
 import csv
 import sys
 from dataclasses import replace
+from pathlib import Path
 from subprocess import run
 
 import numpy as np
 import pytest
 import torch
 
+from ipnet import project
 from ipnet.assessment import calibrate, figures, fitted
 from ipnet.calibration import ErrorModel, WindowErrors
 from ipnet.device import learn
-from ipnet.errors import ConfigError
+from ipnet.errors import ConfigError, LabelError
 from ipnet.export import ONNX, SAFETENSORS, export, export_folder, load, save
 from ipnet.model import IPNet
 from ipnet.network_source import Network, NetworkPrior, in_body, make
@@ -216,3 +218,19 @@ def test_what_can_remember_a_device_is_no_surer_than_the_device_prior(tmp_path):
         ]
         wider = in_body(found[0].constant - found[1].constant, network.R_NB.double().numpy())
         np.testing.assert_allclose(wider, 0.0 if centred else learn(biases).covariance, atol=1e-9)
+
+
+def test_a_card_without_its_network_is_told(tmp_path):
+    Card({"long": NetworkCard(SMALL, 4.0, ERRORS["long"])}, (), (), {}).write(tmp_path)
+    with pytest.raises(ConfigError, match=r"long\.onnx: no such file"):
+        load_prior(f"ipnet:{tmp_path}")
+
+
+def test_what_is_learned_from_does_not_judge(weights, tmp_path, monkeypatch):
+    monkeypatch.setattr(project, "open_tracks", lambda paths, *_: [flight(int(path.name)) for path in paths])
+    with pytest.raises(LabelError, match="flight-2: learned from and validated on"):
+        project.build(project.Project((Path("1"), Path("2")), (Path("2"),)), tmp_path)
+    before = replace(Card.read(weights), training=("flight-3",))
+    before.write(tmp_path)
+    with pytest.raises(LabelError, match="flight-3: learned from and validated on"):
+        project.build(project.Project((Path("1"),), (Path("3"),), start=str(tmp_path)), tmp_path)

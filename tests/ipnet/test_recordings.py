@@ -1,10 +1,12 @@
 """Which biases a recording is held against."""
 
+import json
+
 import numpy as np
 import pytest
 
 from ipnet.errors import LabelError
-from ipnet.recordings import Label, labelled, open_recordings
+from ipnet.recordings import Label, find_all, kept_apart, labelled, open_recordings, read_labels
 from navcore.calibration import Calibration
 from navcore.imu import ImuNoise, ImuSamples
 from navcore.sequence import Sequence
@@ -12,6 +14,7 @@ from navcore.trajectory import Trajectory
 
 T_NS = np.arange(11, dtype=np.int64) * 100_000_000
 TRUE = np.linspace(0.0, 1.0, 11)[:, None] + np.arange(6.0)
+EYE = np.eye(6).tolist()
 LABEL = Label("r", -np.ones(6), np.eye(6))
 
 
@@ -48,3 +51,30 @@ def test_labels_can_be_asked_first():
     np.testing.assert_allclose(without.bias_at(T_NS), TRUE)
     with pytest.raises(LabelError, match="labels come first, but none are given"):
         open_recordings([], None, labels_first=True)
+
+
+def folder(path):
+    (path / "mav0/imu0").mkdir(parents=True)
+    (path / "mav0/imu0/data.csv").touch()
+    return path
+
+
+def test_a_folder_given_twice_is_one_recording_and_two_of_one_name_are_none(tmp_path):
+    one, other = folder(tmp_path / "a/r1"), folder(tmp_path / "a/r2")
+    assert find_all([tmp_path / "a", one, one / "mav0", one.parent / ".." / "a" / "r2"]) == [one, other]
+    folder(tmp_path / "b/r1")
+    with pytest.raises(LabelError, match=r"a/r1 and .*b/r1: two recordings of one name"):
+        find_all([tmp_path])
+
+
+def test_what_is_learned_from_does_not_judge():
+    kept_apart(["a", "b"], ["c"])
+    with pytest.raises(LabelError, match="b, c: learned from and validated on"):
+        kept_apart(["a", "b", "c"], ["c", "b"])
+
+
+def test_labels_are_finite(tmp_path):
+    path = tmp_path / "labels.json"
+    path.write_text(json.dumps([{"sequence": "r", "b_g": [0, 0, float("nan")], "b_a": [0] * 3, "covariance": EYE}]))
+    with pytest.raises(LabelError, match=r"labels\.json.*r: bias .* or its covariance is not finite"):
+        read_labels(path)

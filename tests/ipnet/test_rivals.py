@@ -9,7 +9,7 @@ import torch
 from ipnet import assessment
 from ipnet.dataset import Track
 from ipnet.device import learn
-from ipnet.errors import ConfigError
+from ipnet.errors import ConfigError, LabelError
 from ipnet.preintegration import preintegrate
 from ipnet.presets import TrainingConfig
 from ipnet.recordings import Label, Recording
@@ -155,3 +155,20 @@ def test_the_corrector_corrects_every_sample():
     correction = network.correction(window)
     assert correction.shape == window.shape
     torch.testing.assert_close(network(window)[0], correction.mean(1))
+
+
+def test_what_is_missing_is_said(lessons, tmp_path, monkeypatch):
+    monkeypatch.setattr(learning, "train", lambda network, *_, **__: shaken(network))
+    learn_corrector(lessons, tmp_path)
+    (tmp_path / "network.onnx").unlink()
+    with pytest.raises(ConfigError, match=r"network\.onnx: no such file"):
+        load_prior(f"corrector:{tmp_path}")
+    (tmp_path / "card.json").write_text("{}")
+    with pytest.raises(ConfigError, match=r"card\.json: KeyError\('grid'\); expected what"):
+        load_prior(f"corrector:{tmp_path}")
+
+
+def test_what_is_learned_from_does_not_judge(lessons, tmp_path, monkeypatch):
+    monkeypatch.setattr(learning, "open_tracks", lambda paths, *_: lessons.training)
+    with pytest.raises(LabelError, match="a, b: learned from and validated on"):
+        Lessons.read([], [], None, tmp_path, 1, 1)
