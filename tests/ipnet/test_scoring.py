@@ -1,20 +1,23 @@
 """Scores of sources, on spans made here and sources whose scores are known."""
 
 from dataclasses import replace
+from importlib.metadata import EntryPoint, entry_points
 
 import numpy as np
 import pytest
 
-from ipnet import runs, scoring
+from ipnet import runs
 from ipnet.axes import axes_of
+from ipnet.device import Device
 from ipnet.errors import ConfigError
 from ipnet.offsets import offsets_of, slope
 from ipnet.recordings import Label, Recording
 from ipnet.runs import cut, run
 from ipnet.score_tables import tables
 from ipnet.scoring import ScoreConfig, score
+from navcore import prior
 from navcore.imu import GRAVITY, ImuNoise, ImuSamples
-from navcore.prior import BiasPrior, load_prior
+from navcore.prior import BiasPrior
 
 NOISE = ImuNoise(1e-4, 0.0, 1e-3, 0.0)
 UP = np.array([GRAVITY, 0.0, 0.0])
@@ -64,18 +67,15 @@ class Source:
         return given
 
 
+def make(argument, sequence):
+    return Source(sequence, *(float(x) for x in argument.split(",")))
+
+
 @pytest.fixture
 def known_sources(monkeypatch):
     """`known:GAIN,STATED`."""
-
-    def load(spec, sequence=None):
-        name, _, argument = spec.partition(":")
-        if name != "known":
-            return load_prior(spec, sequence)
-        return Source(sequence, *(float(x) for x in argument.split(",")))
-
-    for module in (runs, scoring):
-        monkeypatch.setattr(module, "load_prior", load)
+    entries = [*entry_points(group=prior.GROUP), EntryPoint("known", f"{__name__}:make", prior.GROUP)]
+    monkeypatch.setattr(prior, "_known", lambda: {entry.name: entry for entry in entries})
 
 
 def test_an_honest_source_is_found_honest(known_sources):
@@ -141,7 +141,7 @@ def test_truth_and_constant_are_the_two_ends(tmp_path):
 def test_a_source_that_says_nothing_gains_nothing(tmp_path):
     """The start is carried on by the same random walk with measurements and without."""
     path = tmp_path / "device.json"
-    path.write_text('{"b_g": [0,0,0], "b_a": [0,0,0], "covariance": [1e-6,1e-6,1e-6,1e-4,1e-4,1e-4]}')
+    Device(np.zeros(6), np.diag(np.repeat([1e-6, 1e-4], 3)), ("r3",)).write(path)
     walking = ImuNoise(1e-4, 1e-3, 1e-3, 1e-2)
     spans = cut(replace(r, noise=walking) for r in recordings(3, spread=(0.001, 0.01)))
     for device in ("", f"constant:{path}"):
@@ -154,11 +154,12 @@ def test_a_source_that_says_nothing_gains_nothing(tmp_path):
 
 def test_a_device_is_joined_in(known_sources, tmp_path):
     path = tmp_path / "device.json"
-    path.write_text('{"b_g": [0,0,0], "b_a": [0,0,0], "covariance": [1e-6,1e-6,1e-6,1e-4,1e-4,1e-4]}')
+    Device(np.zeros(6), np.diag(np.repeat([1e-6, 1e-4], 3)), ("r3",)).write(path)
     spans = cut(recordings(20, spread=(0.001, 0.01)))
     scores = score(spans, ScoreConfig(("known:1,1",), device=f"constant:{path}"))
     alone, joined = scores.arms
     assert (alone.arm, joined.arm) == ("known:1,1", f"constant:{path},known:1,1")
+    assert (alone.seen, joined.seen) == ((), ("r3",))
     assert all(a < 0.5 * b for a, b in zip(joined.over_run.rmse, alone.over_run.rmse, strict=True))
     np.testing.assert_allclose(joined.over_run.rmse, scores.constant.rmse, rtol=0.2)
 
