@@ -220,7 +220,7 @@ class IPNet(BiasNetwork):
         for k, pieces in enumerate(self.config.pieces):
             if k == 0 or pieces == 1 < self.config.pieces[k - 1]:
                 steps = condensed(samples, now.bias.to(window), dt)
-                if pieces == 1 and not self.training:  # long integrals need the digits; learning can do without
+                if not self.training:  # integrals need the digits; learning can do without
                     steps, model, first, now = (x.double() for x in (steps, model, first, now))
             now = refine(steps, STEP * dt, first, now, model, pieces)
             found.append((now.bias.to(window), torch.exp(self.log_scale) * torch.sqrt(0.5 * now.variance).to(window)))
