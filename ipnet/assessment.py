@@ -34,7 +34,7 @@ def calibrate(folder: Path, card: Card, tracks: Iterable[Track], training: Itera
         LabelError: none is as long as a window.
         ConfigError: fewer than two recordings that a network can remember.
     """
-    tracks = list(tracks)
+    tracks, training = list(tracks), list(training)
     networks = {}
     for name, network in card.networks.items():
         exported = Network(folder / f"{name}{ONNX}")
@@ -44,7 +44,7 @@ def calibrate(folder: Path, card: Card, tracks: Iterable[Track], training: Itera
         model = fitted(errors, network.grid.seconds)
         if not network.config.centred:
             R_NB = exported(np.ones((network.config.samples, 6))).R_NB
-            model = remembered(model, len(errors), training, R_NB)
+            model = remembered(model, len({e.recording for e in errors}), training, R_NB)
         networks[name] = replace(network, errors=model, validation=figures(errors, model))
     return replace(card, networks=networks)
 

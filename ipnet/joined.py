@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ipnet.axes import axes_of
+from ipnet.directions import along_first
 from ipnet.errors import ConfigError
 from ipnet.fusion import SPREAD, nothing_known
 from ipnet.runs import Run, Span, listen
@@ -51,29 +52,29 @@ class Join:
             raise ConfigError(f"{self.specs} are to be joined, expected two sources that are not joined ones")
         if len(self.sources) != 4 or {*self.sources} - {0, 1}:
             raise ConfigError(f"sources are {self.sources}, expected four times 0 or 1")
-        self._axes()
+        if not 0.0 < float(np.linalg.norm(self.force)) < np.inf:
+            raise ConfigError(f"the force is along {self.force}, expected three numbers that are not all zero")
 
-    def _axes(self) -> tuple[Floats, tuple[tuple[int, ...], ...]]:
-        axes = axes_of(",".join(repr(float(x)) for x in self.force), ())
-        return axes.R6, axes.groups
+    @property
+    def _R6(self) -> Floats:
+        """(6, 6) from B to axes along and across the force."""
+        force = np.array(self.force)
+        return np.asarray(np.kron(np.eye(2), along_first(force / np.linalg.norm(force))), dtype=np.float64)
 
     def speaks(self, which: int) -> Mask:
         """(6,) whether one of the two speaks of each axis along and across the force."""
-        said = np.zeros(6, dtype=bool)
-        for group, source in zip(self._axes()[1], self.sources, strict=True):
-            said[list(group)] = source == which
-        return said
+        return np.repeat(np.array(self.sources), [1, 2, 1, 2]) == which
 
     def constant(self, covariances: ListLike[Floats]) -> Floats:
         """(6, 6) covariance of what is constantly wrong on each axis, from the (6, 6) of both."""
-        R6, _ = self._axes()
+        R6 = self._R6
         said = [np.outer(self.speaks(k), self.speaks(k)) for k in (0, 1)]
         joined = sum(mask * (R6 @ c @ R6.T) for mask, c in zip(said, covariances, strict=True))
         return _symmetric(R6.T @ joined @ R6)
 
     def told(self, z: BiasPrior, which: int) -> BiasPrior:
         """A statement of one of the two, as far as it speaks."""
-        R6, said = self._axes()[0], self.speaks(which)
+        R6, said = self._R6, self.speaks(which)
         own = np.outer(said, said) * (R6 @ z.covariance @ R6.T)
         return replace(z, covariance=_symmetric(R6.T @ (own + np.diag(np.where(said, 0.0, _SILENT**2))) @ R6))
 

@@ -94,9 +94,9 @@ class NetworkPrior:
 
     def __init__(self, folder: Path, card: Card) -> None:
         cards = [(name, card.networks[name]) for name in NETWORKS if name in card.networks]
-        self.window_s = 0.5 * cards[0][1].grid.seconds  # overlaps are in the covariances
         middles = [0.5 * c.grid.seconds for _, c in cards]
-        untils = [*(middle - self.window_s for middle in middles[1:]), np.inf]
+        self.window_s = min(middles[0], cards[0][1].every_s)  # all count: overlaps are in the covariances
+        untils = [*(middle - middles[0] for middle in middles[1:]), np.inf]
         self._voices = [
             _Voice(folder / f"{name}{ONNX}", c, until) for (name, c), until in zip(cards, untils, strict=True)
         ]

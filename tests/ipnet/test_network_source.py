@@ -105,6 +105,14 @@ def test_each_network_speaks_until_the_middle_of_the_next_ones_first_window(weig
     assert source.device() is None
 
 
+def test_a_network_alone_loses_no_statement_to_its_overlaps(weights, tmp_path):
+    """Windows of 8 s every 2 s bear their overlap themselves: a consumer that thins by `window_s` must keep all."""
+    card = Card.read(weights)
+    replace(card, networks={"long": replace(card.networks["long"], every_s=2.0)}).write(tmp_path)
+    (tmp_path / f"long{ONNX}").write_bytes((weights / f"long{ONNX}").read_bytes())
+    assert make(str(tmp_path), None).window_s == 2.0
+
+
 def test_after_a_gap_all_begin_anew(weights):
     gap = FLIGHT.imu[: len(FLIGHT.imu) // 2]
     later = replace(FLIGHT.imu, t_ns=FLIGHT.imu.t_ns + round(60e9))
@@ -223,6 +231,9 @@ def test_what_can_remember_a_device_is_no_surer_than_the_device_prior(tmp_path):
 def test_a_card_without_its_network_is_told(tmp_path):
     Card({"long": NetworkCard(SMALL, 4.0, ERRORS["long"])}, (), (), {}).write(tmp_path)
     with pytest.raises(ConfigError, match=r"long\.onnx: no such file"):
+        load_prior(f"ipnet:{tmp_path}")
+    (tmp_path / "long.onnx").write_text("version https://git-lfs.github.com/spec/v1\n")
+    with pytest.raises(ConfigError, match=r"long\.onnx: not a network"):
         load_prior(f"ipnet:{tmp_path}")
 
 

@@ -160,7 +160,7 @@ def refined(pieces, unsure, seconds=30.0):
 
 def test_a_flight_with_known_drag_reveals_its_biases():
     now, error = refined((2, 1, 1, 1), [0.05, 0.05, 0.05, 0.3, 0.3, 0.3])
-    assert error[:, :2].max() < 0.01
+    assert error[:, :2].max() < 7e-3
     assert (error < 5.0 * now.variance.sqrt() + 1e-3).all()
 
 
@@ -169,5 +169,5 @@ def test_pieces_have_gravities_and_velocities_of_their_own():
     assert now.gravity.shape == now.velocity.shape == (3 * len(error), 3)
     torch.testing.assert_close(now.gravity.norm(dim=1), torch.full((3 * len(error),), GRAVITY))
     _, whole = refined((1,), [0.05, 0.05, 0.05, 0.3, 0.3, 0.3])
-    assert error[:, :2].mean() < 0.03  # of biases of that size: little is known from a few seconds
+    assert error[:, :2].mean() < 0.02  # saying nothing: 0.025; little is known from a few seconds
     assert whole[:, :2].mean() < error[:, :2].mean()
