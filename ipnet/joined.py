@@ -63,7 +63,7 @@ class Join:
 
     def speaks(self, which: int) -> Mask:
         """(6,) whether one of the two speaks of each axis along and across the force."""
-        return np.repeat(np.array(self.sources), [1, 2, 1, 2]) == which
+        return np.asarray(np.repeat(self.sources, [1, 2, 1, 2]) == which, dtype=np.bool_)
 
     def constant(self, covariances: ListLike[Floats]) -> Floats:
         """(6, 6) covariance of what is constantly wrong on each axis, from the (6, 6) of both."""
