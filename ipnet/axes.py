@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ipnet.directions import along_first
+from ipnet.directions import along_first, for_both
 from ipnet.errors import ConfigError
 from ipnet.runs import Span
 from navcore.arrays import Floats, Vectors, frozen
@@ -33,8 +33,7 @@ class Axes:
     @property
     def R6(self) -> Floats:
         """(6, 6) for both sensors."""
-        R6: Floats = np.kron(np.eye(2), self.R_FB).astype(np.float64)
-        return R6
+        return for_both(self.R_FB)
 
     @property
     def pooling(self) -> Floats:

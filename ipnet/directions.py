@@ -10,3 +10,8 @@ def along_first(direction: Vectors) -> Floats:
     side = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
     side /= np.linalg.norm(side)
     return np.stack([direction, side, np.cross(direction, side)])
+
+
+def for_both(R: Floats) -> Floats:
+    """(6, 6) that turns gyroscope and accelerometer alike, from (3, 3)."""
+    return np.asarray(np.kron(np.eye(2), R), dtype=np.float64)

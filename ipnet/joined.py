@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ipnet.axes import axes_of
-from ipnet.directions import along_first
+from ipnet.directions import along_first, for_both
 from ipnet.errors import ConfigError
 from ipnet.fusion import SPREAD, nothing_known
 from ipnet.runs import Run, Span, listen
@@ -59,7 +59,7 @@ class Join:
     def _R6(self) -> Floats:
         """(6, 6) from B to axes along and across the force."""
         force = np.array(self.force)
-        return np.asarray(np.kron(np.eye(2), along_first(force / np.linalg.norm(force))), dtype=np.float64)
+        return for_both(along_first(force / np.linalg.norm(force)))
 
     def speaks(self, which: int) -> Mask:
         """(6,) whether one of the two speaks of each axis along and across the force."""

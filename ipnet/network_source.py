@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ipnet.directions import for_both
 from ipnet.exported import open_exported
 from ipnet.weights import NETWORKS, Card, NetworkCard, find
 from ipnet.windows import ImuWindow, WindowStream
@@ -132,7 +133,7 @@ class NetworkPrior:
 
 def in_body(covariance: Floats, R_NB: Rotations) -> Floats:
     """(6, 6) of the network's frame in B."""
-    R = np.kron(np.eye(2), R_NB)
+    R = for_both(R_NB)
     turned: Floats = R.T @ covariance @ R
     return 0.5 * (turned + turned.T)
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ipnet.calibration import ErrorModel
+from ipnet.directions import for_both
 from ipnet.errors import ConfigError
 from ipnet.files import write_text
 from ipnet.motion.model import MotionModel
@@ -49,7 +50,7 @@ class MotionCard:
     @property
     def R6(self) -> Floats:
         """(6, 6) for both sensors."""
-        return np.asarray(np.kron(np.eye(2), self.R_FB), dtype=np.float64)
+        return for_both(self.R_FB)
 
     def write(self, path: Path) -> None:
         """Write it as JSON."""
