@@ -1,7 +1,7 @@
 """Windows of recordings, as a network sees them in training."""
 
 import hashlib
-from collections.abc import Container, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -65,7 +65,7 @@ class Track:
 
 
 def open_tracks(
-    paths: Iterable[Path], labels: Path | None, cache: Path, wanted: Container[str] | None = None
+    paths: Iterable[Path], labels: Path | None, cache: Path, names: Iterable[str] | None = None
 ) -> list[Track]:
     """Recordings in folders, in order; what was read once is kept in `cache`.
 
@@ -73,15 +73,12 @@ def open_tracks(
         paths: folders.
         labels: for recordings whose truth has no biases.
         cache: folder.
-        wanted: names of those to take, or None for all.
+        names: of those to take; None for all.
 
     Raises:
-        LabelError: none is there, or see `open_recordings`.
+        LabelError: see `open_recordings`.
     """
-    folders = [f for f in find_all(paths) if wanted is None or f.name in wanted]
-    if not folders:
-        raise LabelError(f"none of the recordings of the split is there; expected {wanted}")
-    return [_track(folder, labels, cache) for folder in folders]
+    return [_track(folder, labels, cache) for folder in find_all(paths, names)]
 
 
 def _track(folder: Path, labels: Path | None, cache: Path) -> Track:

@@ -85,23 +85,26 @@ def read_labels(path: Path) -> dict[str, Label]:
     return {label.sequence: label for label in labels}
 
 
-def open_recordings(paths: Iterable[Path], labels: Path | None = None, labels_first: bool = False) -> list[Recording]:
+def open_recordings(
+    paths: Iterable[Path], labels: Path | None = None, labels_first: bool = False, names: Iterable[str] | None = None
+) -> list[Recording]:
     """The recordings in folders: each path is one, or holds some at any depth.
 
     Args:
         paths: folders.
         labels: for those whose truth has no biases.
         labels_first: a recording that has a label goes by it, also if its truth has biases.
+        names: of those to take; None for all.
 
     Raises:
-        LabelError: a path holds no recording, two recordings have one name, a recording has neither true biases nor a
-            label, or labels come first and there are none.
+        LabelError: a path holds no recording, two recordings have one name, one of `names` is not there, a recording
+            has neither true biases nor a label, or labels come first and there are none.
         DataError: a recording cannot be read.
     """
     if labels_first and labels is None:
         raise LabelError("labels come first, but none are given; expected a file that `python -m ipnet label` wrote")
     known = read_labels(labels) if labels is not None else {}
-    return [labelled(open_sequence(folder), known.get(folder.name), labels_first) for folder in find_all(paths)]
+    return [labelled(open_sequence(folder), known.get(folder.name), labels_first) for folder in find_all(paths, names)]
 
 
 def labelled(sequence: Sequence, label: Label | None = None, labels_first: bool = False) -> Recording:
@@ -148,18 +151,27 @@ def find(path: Path) -> list[Path]:
     return found
 
 
-def find_all(paths: Iterable[Path]) -> list[Path]:
+def find_all(paths: Iterable[Path], names: Iterable[str] | None = None) -> list[Path]:
     """Folders of recordings at or below paths, each once, however often it is given.
 
+    Args:
+        paths: folders.
+        names: of the recordings to take; None for all.
+
     Raises:
-        LabelError: there are none at a path, or two folders have one name: they would count as one recording or as two.
+        LabelError: there are none at a path, two folders have one name (they would count as one recording or as two),
+            or one of `names` is not there.
     """
     found: dict[str, Path] = {}
     for folder in (folder for path in paths for folder in find(path)):
         first = found.setdefault(folder.name, folder)
         if first.resolve() != folder.resolve():
             raise LabelError(f"{first} and {folder}: two recordings of one name; expected one")
-    return list(found.values())
+    wanted = set(found if names is None else names)
+    missing = sorted(wanted - set(found))
+    if missing:
+        raise LabelError(f"{', '.join(missing)}: not among the recordings given, {', '.join(found)}")
+    return [folder for name, folder in found.items() if name in wanted]
 
 
 def kept_apart(training: Iterable[str], validation: Iterable[str]) -> None:

@@ -34,14 +34,10 @@ class Learn:
         console.print(f"wrote {self.out}")
 
     def _recordings(self) -> tuple[list[Recording], list[Recording]]:
-        training = open_recordings(self.paths, self.labels)
         if not self.split:
-            return training, open_recordings(self.validate, self.labels)
+            return open_recordings(self.paths, self.labels), open_recordings(self.validate, self.labels)
         if self.validate:
             raise ConfigError("--validate and --split exclude each other: a split says what validates")
-        by_name = {r.name: r for r in training}
         parts = split(self.split)
-        missing = [name for name in (*parts.train, *parts.validate) if name not in by_name]
-        if missing:
-            raise ConfigError(f"split {self.split!r} needs {', '.join(missing)}; not among the recordings given")
-        return [by_name[n] for n in parts.train], [by_name[n] for n in parts.validate]
+        training = open_recordings(self.paths, self.labels, names=parts.train)
+        return training, open_recordings(self.paths, self.labels, names=parts.validate)

@@ -59,6 +59,14 @@ def folder(path):
     return path
 
 
+def test_named_recordings_are_taken_and_a_missing_one_is_told(tmp_path):
+    one, other = folder(tmp_path / "r1"), folder(tmp_path / "r2")
+    assert find_all([tmp_path], ["r2"]) == [other]
+    assert find_all([tmp_path], ["r2", "r1"]) == [one, other]
+    with pytest.raises(LabelError, match="r3, r4: not among the recordings given, r1, r2"):
+        find_all([tmp_path], ["r4", "r1", "r3"])
+
+
 def test_a_folder_given_twice_is_one_recording_and_two_of_one_name_are_none(tmp_path):
     one, other = folder(tmp_path / "a/r1"), folder(tmp_path / "a/r2")
     assert find_all([tmp_path / "a", one, one / "mav0", one.parent / ".." / "a" / "r2"]) == [one, other]
