@@ -22,14 +22,26 @@ class VisionConfig:
     max_features: int = 40  # used at one frame
     landmarks: int = 40  # features kept in the state once they outlast the window
     landmark_parallax: float = 20.0  # like min_parallax, for a feature that is to be kept
-    max_landmark_shift: float = 0.03  # of its distance, by which the window may have been corrected when one is made
+    max_landmark_depth: float = 1000.0  # m, a landmark farther away ends
     max_depth: float = 100.0  # m
     min_depth: float = 0.1  # m
     gate_probability: float = 0.99  # of the chi-square test, feature by feature
-    extrinsics: bool = True  # estimate where the cameras sit, beginning at their calibration
-    extrinsics_rotation_sigma: float = 0.005  # rad, how well the calibration knows it
-    extrinsics_position_sigma: float = 0.01  # m, likewise
     fej: bool = True  # linearise at first estimates
+
+
+@dataclass(frozen=True)
+class CalibrationConfig:
+    """What of the calibration is estimated, beginning at its values, and how well it is known beforehand."""
+
+    extrinsics: bool = True  # where the cameras sit
+    rotation_sigma: float = 0.005  # rad
+    position_sigma: float = 0.01  # m
+    time_offset: bool = False  # between camera and IMU, one for all cameras
+    time_sigma: float = 0.005  # s
+    intrinsics: bool = False  # how the cameras project
+    focal_sigma: float = 5.0  # px, of focal lengths
+    centre_sigma: float = 5.0  # px, of the principal point
+    distortion_sigma: float = 0.01  # of each coefficient
 
 
 @dataclass(frozen=True)
@@ -90,6 +102,7 @@ class FilterConfig:
     """All settings of the filter."""
 
     vision: VisionConfig = field(default_factory=VisionConfig)
+    calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     start: StartConfig = field(default_factory=StartConfig)
     standstill: StandstillConfig = field(default_factory=StandstillConfig)

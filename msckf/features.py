@@ -2,23 +2,27 @@
 
 import numpy as np
 
+from msckf.frontend import Observations
+from msckf.views import Rig, Views
 from navcore.arrays import Floats, Mask, Stamps
 
 
 class FeatureTable:
-    """Which feature was seen where from which clone; columns follow the filter's clones.
+    """Which feature was seen where: a column for each camera of each clone, those of one clone side by side.
 
     Attributes:
-        keys: (F,) feature number, unique over cameras; sorted.
-        cameras: (F,) camera index.
-        uv: (F, K, 2) px; bearings: (F, K, 3) the same as unit vectors in C.
-        seen: (F, K).
+        keys: (F,) feature number, unique over cameras unless they see the same feature; sorted.
+        seen: (F, K C).
         alive: (F,) whether the newest frame saw it.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, cameras: int) -> None:
+        self._cameras = cameras
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything."""
         self.keys: Stamps = np.zeros(0, dtype=np.int64)
-        self.cameras: Stamps = np.zeros(0, dtype=np.int64)
         self._seen_at: Floats = np.zeros((0, 0, 5))
         self.seen: Mask = np.zeros((0, 0), dtype=bool)
         self.alive: Mask = np.zeros(0, dtype=bool)
@@ -27,57 +31,75 @@ class FeatureTable:
         return len(self.keys)
 
     @property
+    def clones(self) -> int:
+        """K."""
+        return self.seen.shape[1] // self._cameras
+
+    @property
     def uv(self) -> Floats:
-        """(F, K, 2) px."""
+        """(F, K C, 2) px."""
         return self._seen_at[..., :2]
 
     @property
     def bearings(self) -> Floats:
-        """(F, K, 3) unit vectors in C."""
+        """(F, K C, 3) unit vectors in C."""
         return self._seen_at[..., 2:]
 
     @property
     def views(self) -> Stamps:
-        """(F,) how many clones saw each feature."""
+        """(F,) how many views there are of each feature."""
         return np.asarray(self.seen.sum(axis=1))
 
-    def add_column(self, keys: Stamps, cameras: Stamps, uv: Floats, bearings: Floats) -> None:
-        """A new clone saw the features `keys` (N,) of cameras (N,) at `uv` (N, 2), along `bearings` (N, 3)."""
-        fresh = ~np.isin(keys, self.keys)
-        all_keys = np.concatenate([self.keys, keys[fresh]])
-        order = np.argsort(all_keys, kind="stable")
-        n_old, n, k = len(self.keys), len(all_keys), self.seen.shape[1]
-        seen_at, seen = np.zeros((n, k + 1, 5)), np.zeros((n, k + 1), dtype=bool)
-        old = np.flatnonzero(order < n_old)
-        seen_at[old, :k], seen[old, :k] = self._seen_at[order[old]], self.seen[order[old]]
-        self.keys = all_keys[order]
-        self.cameras = np.concatenate([self.cameras, cameras[fresh]])[order]
-        rows = np.searchsorted(self.keys, keys)
-        seen_at[rows, k, :2], seen_at[rows, k, 2:] = uv, bearings
-        seen[rows, k] = True
-        self._seen_at, self.seen, self.alive = seen_at, seen, seen[:, k].copy()
+    @property
+    def seen_from(self) -> Mask:
+        """(F, K) whether any camera of a clone saw the feature."""
+        return np.asarray(self.seen.reshape(len(self), -1, self._cameras).any(axis=2))
 
-    def drop_column(self, k: int) -> None:
+    def columns(self, clones: Stamps) -> Stamps:
+        """The columns (n C,) of some of the clones (n,)."""
+        return np.asarray(clones[:, None] * self._cameras + np.arange(self._cameras)).ravel()
+
+    def views_of(self, rig: Rig, rows: Mask, clones: Stamps | None = None) -> Views:
+        """The views of some of the features, from all or some of the clones."""
+        if clones is None:
+            return Views(rig, self.uv[rows], self.seen[rows], self.bearings[rows])
+        columns = self.columns(clones)
+        return Views(rig, self.uv[rows][:, columns], self.seen[rows][:, columns], self.bearings[rows][:, columns])
+
+    def followed(self, k: int, j: int) -> tuple[Floats, Floats]:
+        """Pixels (N, 2), (N, 2) of the features that one camera saw from clone `k` and from clone `j`."""
+        at_k, at_j = self.columns(np.array([k])), self.columns(np.array([j]))
+        both = self.seen[:, at_k] & self.seen[:, at_j]
+        return self.uv[:, at_k][both], self.uv[:, at_j][both]
+
+    def add_clone(self, seen: Observations) -> None:
+        """A new clone saw this."""
+        keys = np.unique(seen.keys)
+        all_keys = np.union1d(self.keys, keys)
+        n, k = len(all_keys), self.seen.shape[1]
+        seen_at, was_seen = np.zeros((n, k + self._cameras, 5)), np.zeros((n, k + self._cameras), dtype=bool)
+        old = np.searchsorted(all_keys, self.keys)
+        seen_at[old, :k], was_seen[old, :k] = self._seen_at, self.seen
+        rows, columns = np.searchsorted(all_keys, seen.keys), k + seen.cameras
+        seen_at[rows, columns, :2], seen_at[rows, columns, 2:] = seen.uv, seen.bearings
+        was_seen[rows, columns] = True
+        self.keys, self._seen_at, self.seen = all_keys, seen_at, was_seen
+        self.alive = was_seen[:, k:].any(axis=1)
+
+    def drop_clone(self, k: int) -> None:
         """Clone `k` is gone; features that nothing else saw go with it."""
-        self._seen_at = np.delete(self._seen_at, k, axis=1)
-        self.seen = np.delete(self.seen, k, axis=1)
+        where = self.columns(np.array([k]))
+        self._seen_at = np.delete(self._seen_at, where, axis=1)
+        self.seen = np.delete(self.seen, where, axis=1)
         self.drop_rows(~self.seen.any(axis=1) & ~self.alive)
 
     def drop_rows(self, mask: Mask) -> None:
         """Forget these features (F,)."""
         keep = ~mask
-        self.keys, self.cameras, self.alive = self.keys[keep], self.cameras[keep], self.alive[keep]
+        self.keys, self.alive = self.keys[keep], self.alive[keep]
         self._seen_at, self.seen = self._seen_at[keep], self.seen[keep]
 
     def consume(self, mask: Mask) -> None:
         """The observations of these features are spent; a feature that is still followed collects new ones."""
         self.seen[mask] = False
         self.drop_rows(mask & ~self.alive)
-
-    def mark_lost(self) -> None:
-        """The newest frame saw nothing."""
-        self.alive[:] = False
-
-    def clear(self) -> None:
-        """Forget everything."""
-        self.__init__()  # type: ignore[misc]

@@ -11,6 +11,7 @@ from msckf.blocks import POSITION, VELOCITY
 from msckf.clock import stage
 from msckf.config import FilterConfig
 from msckf.errors import InputError
+from msckf.estimated import Estimated
 from msckf.frontend import Frontend, Observations
 from msckf.health import HealthMonitor
 from msckf.imu_buffer import ImuBuffer
@@ -65,7 +66,6 @@ class Filter:
         if not 1 <= self.config.cameras <= len(calibration.cameras):
             raise ConfigError(f"{self.config.cameras} cameras asked for, the rig has {len(calibration.cameras)}")
         self._rig = Rig(calibration.cameras[: self.config.cameras])
-        self._offset_ns = round(self._rig.mounts[0].dt_cam_imu * 1e9)
         self._buffer = ImuBuffer(calibration.imu.rate_hz)
         self._frames: deque[Frame] = deque()
         self._newest_frame_ns: int | None = None
@@ -78,8 +78,9 @@ class Filter:
 
     def _begin_anew(self) -> None:
         self.state: FilterState | None = None
+        self._omega_B = np.zeros(3)
         self._t_ns: int | None = None
-        self._window = VisualWindow(self._rig, self.config.vision)
+        self._window = VisualWindow(len(self._rig), self.config.vision)
         self._starter = Starter(self.calibration, self._rig, self.config)
         self._health = HealthMonitor(self.config.health)
 
@@ -114,7 +115,7 @@ class Filter:
     def _answer(self, *, final: bool) -> list[Estimate]:
         estimates = []
         while self._frames:
-            t_ns = self._frames[0].t_ns + self._offset_ns
+            t_ns = self._frames[0].t_ns + self._offset_ns()
             newest = self._buffer.newest_ns
             reach = 0 if newest is None else newest
             if newest is None or reach < t_ns:
@@ -126,6 +127,11 @@ class Filter:
                     continue
             estimates.append(self._process(self._frames.popleft(), t_ns))
         return estimates
+
+    def _offset_ns(self) -> int:
+        """From camera time to IMU time, as far as it is known."""
+        offset_s = self._rig.mounts[0].dt_cam_imu if self.state is None else self.state.dt_cam_imu
+        return round(offset_s * 1e9)
 
     # -- one frame --------------------------------------------------------------------------------------------
 
@@ -163,6 +169,8 @@ class Filter:
         assert self._t_ns is not None
         cells = self._buffer.cells(self._t_ns, t_ns)
         state.propagate(integrate(cells, state.b_g, state.b_a, self.calibration.imu))
+        if len(cells.gyro):
+            self._omega_B = cells.gyro[-1] - state.b_g
         self._t_ns = t_ns
         gap = float(cells.bridged.sum())
         self._health.note_gap(gap)
@@ -179,7 +187,7 @@ class Filter:
                 standstill_update(state, c)
                 self._window.hold(observations)
                 return VisualOutcome(), True
-        return self._window.advance(state, frame_ns, observations), False
+        return self._window.advance(state, frame_ns, self._omega_B, observations), False
 
     # -- start ------------------------------------------------------------------------------------------------
 
@@ -194,16 +202,18 @@ class Filter:
             return Estimate(t_ns, health, (reason, *observations.faults), None, len(observations), 0, stages)
         if self._last_pose is not None:
             state = continued(state, *self._last_pose)
-        self.state = FilterState(state, fej=self.config.vision.fej)
-        v = self.config.vision
-        if v.extrinsics:
-            self.state.estimate_extrinsics(self._rig, v.extrinsics_rotation_sigma, v.extrinsics_position_sigma)
+        self.state = self._begun(state)
+        estimated = Estimated.of(self.config.calibration)
+        self.state.estimate_calibration(estimated, estimated.sigmas(self.config.calibration, len(self._rig)))
         if self._start_bias is not None:
             self._prior.begin(self.state, self._start_bias)
         self._t_ns = t_ns
         self._health.started(t_ns)
         self._last_pose = (self.state.R_WB, self.state.p_WB)
         return Estimate(t_ns, Health.TRACKING, ("started",), self.state.snapshot(), len(observations), 0, stages)
+
+    def _begun(self, state: State) -> FilterState:
+        return FilterState(state, self._rig, self._rig.mounts[0].dt_cam_imu, fej=self.config.vision.fej)
 
     def _find_start(self, t_ns: int, observations: Observations) -> tuple[State | None, str]:
         self._start_bias = self._prior.starting_bias(self.config.start, t_ns)
@@ -212,7 +222,7 @@ class Filter:
             if told.t_ns > t_ns or (self._buffer.oldest_ns or 0) > told.t_ns:
                 return None, "before the time of the given start"
             self._told_start = None
-            s = FilterState(told.state, fej=self.config.vision.fej)
+            s = self._begun(told.state)
             cells = self._buffer.cells(told.t_ns, t_ns)
             s.propagate(integrate(cells, s.b_g, s.b_a, self.calibration.imu))
             return s.snapshot(), ""

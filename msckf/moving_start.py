@@ -16,7 +16,7 @@ from navcore.imu import GRAVITY
 
 def moving_start(window: Window, config: StartConfig, vision: VisionConfig) -> StartResult:
     """Find the state at the end of a window of a moving rig."""
-    if window.views.seen[:, -1].sum() < 8:
+    if window.views.seen[:, -len(window.views.rig) :].any(axis=1).sum() < 8:
         return StartResult(None, "too few features are followed")
     b_g = rotation_bias(window)
     increments = window.integrate(b_g, window.device.b_a)
@@ -38,16 +38,16 @@ def rotation_bias(window: Window) -> Vectors:
     """
     views, device = window.views, window.device
     increments = window.integrate(device.b_g, device.b_a)
-    bearings = (views.rig.R_BC[views.cameras][:, None] @ views.rays[..., None])[..., 0]  # (F, K, 3) in B
-    K = views.seen.shape[1]
-    pairs = [(k, k + step) for step in (1, 3) for k in range(K - step)]
+    bearings = (views.rig.R_BC[views.cameras] @ views.rays[..., None])[..., 0]  # (F, V, 3) in B
+    C = len(views.rig)
+    pairs = [(v, v + C * step) for step in (1, 3) for v in range(C * (views.count - step))]
     usable = []
     for i, j in pairs:
         both = views.seen[:, i] & views.seen[:, j]
         if both.sum() < 8:
             continue
         R, J = np.eye(3), np.zeros((3, 3))  # rotation from j to i, its derivative by the bias (on the right)
-        for inc in increments[i:j]:
+        for inc in increments[i // C : j // C]:
             J = inc.delta_R.T @ J + inc.J[:3, :3]
             R = R @ inc.delta_R
         usable.append((bearings[both, i], bearings[both, j], R, J))
@@ -76,7 +76,7 @@ def closed_form(window: Window, increments: list[Increment]) -> tuple[Vectors, V
     "Estimator initialization in vision-aided inertial navigation with unknown camera-IMU calibration", eqs. 26-33).
     """
     views = window.views
-    K = views.seen.shape[1]
+    K = views.count
     R, s, t = np.empty((K, 3, 3)), np.zeros((K, 3)), np.zeros(K)
     R[0], v = np.eye(3), np.zeros(3)
     for k, inc in enumerate(increments):
@@ -88,7 +88,8 @@ def closed_form(window: Window, increments: list[Increment]) -> tuple[Vectors, V
     rays = (R_0C @ views.rays[..., None])[..., 0]
     across = (np.eye(3) - rays[..., :, None] * rays[..., None, :]) * views.seen[..., None, None]
     T = np.concatenate([t[:, None, None] * np.eye(3), 0.5 * (t * t)[:, None, None] * np.eye(3)], axis=2)  # (K, 3, 6)
-    PT = across @ T[None]  # (F, K, 3, 6)
+    T = T[views.poses]  # (V, 3, 6)
+    PT = across @ T[None]  # (F, V, 3, 6)
     Ps = (across @ p_0C[..., None])[..., 0]
     enough = views.seen.sum(axis=1) >= 3
     A = across.sum(axis=1)[enough]

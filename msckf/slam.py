@@ -1,119 +1,161 @@
-"""Landmarks: features that live longer than the window and become part of the state (docs/filter.md, section 4)."""
+"""Landmarks: features that live longer than the window and become part of the state (docs/filter.md, section 4.8)."""
 
 import numpy as np
 
 from msckf.config import VisionConfig
 from msckf.frontend import Observations
+from msckf.landmarks import Landmarks
 from msckf.state import FilterState
-from msckf.views import Rig
-from msckf.visual import VisualMeasurement, VisualOutcome, chi_square_quantile
+from msckf.visual import VisualMeasurement, VisualOutcome, camera_jacobian, chi_square_quantile
 from navcore import so3
 from navcore.arrays import Floats, Mask, Rotations, Stamps, Vectors
 
+_ENDS_BEYOND = 0.9999  # quantile of the chi-square test at which a landmark is given up
 
-def promotable(state: FilterState, measurement: VisualMeasurement, config: VisionConfig) -> Mask:
-    """(U,) features behind a measurement whose position is known well enough to be kept.
 
-    A landmark keeps its linearisation point. Where the window has been corrected by more than a small part of the
-    feature's distance since its poses were first estimated, that point would be a bad one for all poses to come.
-    """
-    clones = state.clones
+def promotable(measurement: VisualMeasurement, config: VisionConfig) -> Mask:
+    """(U,) features behind a measurement whose position is known well enough to be kept."""
     points = measurement.points
-    distance = np.linalg.norm(points.p_WF - clones.p_WB[-1], axis=1)
-    shift = np.linalg.norm(measurement.p_linear - points.p_WF, axis=1)
-    close = shift < config.max_landmark_shift * distance
-    certain = points.certainty > config.landmark_parallax
-    return np.asarray(certain & (points.rms < 3.0 * config.pixel_noise) & close)
+    return np.asarray((points.certainty > config.landmark_parallax) & (points.rms < 3.0 * config.pixel_noise))
 
 
 def add_landmarks(
-    state: FilterState, keys: Stamps, measurement: VisualMeasurement, rows: Mask, config: VisionConfig
+    state: FilterState, keys: Stamps, cameras: Stamps, measurement: VisualMeasurement, rows: Mask, noise: float
 ) -> None:
-    """Make landmarks of the features `rows` (U,) behind a measurement that is yet to be applied.
+    """Make landmarks, anchored in the newest clone, of features behind a measurement that is yet to be applied.
 
     r_1 = H_1 dx + R_1 dp + n determines a position: dp = R_1^-1 (r_1 - H_1 dx - n). What the position cannot explain
     is in the measurement itself (delayed initialisation: Li and Mourikis 2012, "Optimization-based estimator design for
-    vision-aided inertial navigation", section IV).
+    vision-aided inertial navigation", section IV). With p_WF = p_A + R_A p_AF(y), dp is by dy and by the anchor.
+
+    Args:
+        keys, cameras: (n,) of the features, and a camera of the newest clone that saw each.
+        measurement: what they were found in.
+        rows: (U,) which of the features behind it; all were seen from the newest clone.
+        noise: px.
     """
-    parts = measurement.parts.rows(rows)
+    parts, k = measurement.parts.rows(rows), len(state.clones) - 1
     n = len(parts.r_1)
     R_1_inverse = np.linalg.inv(parts.R_1)
-    step = (R_1_inverse @ parts.r_1[..., None])[..., 0]
-    by_seen = -R_1_inverse @ parts.H_1  # (n, 3, m)
+    p_WF = measurement.points.p_WF[rows] + (R_1_inverse @ parts.r_1[..., None])[..., 0]
+    p_AF = (p_WF - state.clones.p_WB[k]) @ state.clones.R_WB[k]
+    landmarks = Landmarks.at(keys, np.full(n, state.clones.t_ns[k]), state.rig.p_BC[cameras], p_AF)
+    R_A = state.linearisation_clones[0][k]
+    from_position = np.linalg.inv(R_A @ landmarks.by_y)  # dy = from_position (dp - by_anchor dx_A)
+    by_seen = -R_1_inverse @ parts.H_1  # (n, 3, m), dp by what was seen
+    by_seen[..., -6:-3] += R_A @ so3.hat(p_AF)
+    by_seen[..., -3:] -= np.eye(3)
+    by_noise = from_position @ R_1_inverse * noise
     covariance = np.zeros((n, 3, n, 3))
-    own = R_1_inverse @ np.swapaxes(R_1_inverse, -1, -2) * config.pixel_noise**2
-    covariance[np.arange(n), :, np.arange(n)] = own
-    state.add_landmarks(
-        keys,
-        measurement.points.p_WF[rows] + step,
-        measurement.p_linear[rows],
-        by_seen.reshape(3 * n, -1),
-        covariance.reshape(3 * n, 3 * n),
-    )
+    covariance[np.arange(n), :, np.arange(n)] = by_noise @ np.swapaxes(by_noise, -1, -2)
+    state.add_landmarks(landmarks, (from_position @ by_seen).reshape(3 * n, -1), covariance.reshape(3 * n, 3 * n))
 
 
-def update_landmarks(state: FilterState, rig: Rig, observations: Observations, config: VisionConfig) -> VisualOutcome:
-    """Drop the landmarks that the newest clone did not see, correct the state by the others."""
-    seen, where = _match(state.landmarks.keys, observations.keys)
-    state.drop_landmarks(~seen)
-    n = len(state.landmarks)
+def move_anchors(state: FilterState, k: int) -> None:
+    """Anchor the landmarks of clone `k`, which is to go, in the newest clone.
+
+    p_A'F = R_A'^T (R_A p_AF + p_A - p_A'), linearised where the clones are.
+    """
+    leaving = state.landmarks.anchors == state.clones.t_ns[k]
+    n, to = int(leaving.sum()), len(state.clones) - 1
     if n == 0:
+        return
+    old, clones = state.landmarks.rows(leaving), state.clones
+
+    def moved(R: Rotations, p: Vectors) -> Vectors:
+        return np.asarray((old.p_AF @ R[k].T + p[k] - p[to]) @ R[to])
+
+    new = Landmarks.at(
+        old.keys, np.full(n, clones.t_ns[to]), old.origins, moved(clones.R_WB, clones.p_WB)
+    )
+    R, p = state.linearisation_clones
+    turn = R[to].T @ R[k]
+    by_point = np.concatenate(
+        [
+            -turn @ so3.hat(old.p_AF),
+            np.tile(R[to].T, (n, 1, 1)),
+            so3.hat(moved(R, p)),
+            np.tile(-R[to].T, (n, 1, 1)),
+            turn @ old.by_y,
+        ],
+        axis=-1,
+    )
+    poses = np.r_[state.clone(k), state.clone(to)]
+    own = state.landmark_columns(np.flatnonzero(leaving)).reshape(n, 3)
+    columns = np.concatenate([np.tile(poses, (n, 1)), own], axis=1)
+    state.move_landmarks(leaving, new, np.linalg.inv(new.by_y) @ by_point, columns)
+
+
+def update_landmarks(state: FilterState, observations: Observations, config: VisionConfig) -> VisualOutcome:
+    """Correct the state by what the newest clone saw of its landmarks; drop those that it did not see."""
+    state.drop_landmarks(~np.isin(state.landmarks.keys, observations.keys))
+    if len(state.landmarks) == 0:
         return VisualOutcome()
-    k = len(state.clones) - 1
-    where = where[seen]
+    which, where = _match(state.landmarks.keys, observations.keys)
     cameras, uv = observations.cameras[where], observations.uv[where]
-    r, H, p_CF = _predict(state, rig, k, cameras, uv)
-    clone = np.arange(state.clone(k).start, state.clone(k).stop)
-    shared = np.r_[state.extrinsics, clone]
-    landmark = state.landmark_columns(np.arange(n)).reshape(n, 3)
-    columns = np.concatenate([np.tile(shared, (n, 1)), landmark], axis=1)  # (n, 6 C + 9)
-    P_each = state.covariance[columns[:, :, None], columns[:, None, :]]
-    S = H @ P_each @ np.swapaxes(H, -1, -2) + config.pixel_noise**2 * np.eye(2)
-    nis = np.einsum("fi,fi->f", r, np.linalg.solve(S, r[..., None])[..., 0])
-    passed = (nis <= chi_square_quantile(config.gate_probability, 2.0)) & (p_CF[:, 2] > config.min_depth)
-    good = np.flatnonzero(passed)
-    if len(good):
-        m = len(good)
-        s = len(shared)
-        H_all = np.zeros((2 * m, s + 3 * m))
-        H_all[:, :s] = H[good, :, :s].reshape(-1, s)
-        block = H_all[:, s:].reshape(m, 2, m, 3)
-        block[np.arange(m), :, np.arange(m)] = H[good, :, s:]
-        where_all = np.concatenate([shared, state.landmark_columns(good)])
-        state.update(H_all, where_all, r[good].ravel(), config.pixel_noise**2 * np.eye(2 * m))
-    state.drop_landmarks(nis > chi_square_quantile(0.9999, 2.0))
-    return VisualOutcome(len(good), n - len(good), nis, np.full(n, 2.0))
+    r, H, columns, p_CF = _predict(state, which, cameras, uv)
+    HP, S = state.seen_through(H, columns)
+    N = len(which)
+    S[np.diag_indices(2 * N)] += config.pixel_noise**2
+    n = np.arange(N)
+    S_each = S.reshape(N, 2, N, 2)[n, :, n]
+    nis = np.einsum("ni,ni->n", r, np.linalg.solve(S_each, r[..., None])[..., 0])
+    passed = (nis <= chi_square_quantile(config.gate_probability, 2.0)) & (p_CF > config.min_depth)
+    rows = np.repeat(passed, 2)
+    if passed.any():
+        state.correct(HP[rows], S[np.ix_(rows, rows)], r[passed].ravel())
+    misfit = np.bincount(which[nis > chi_square_quantile(_ENDS_BEYOND, 2.0)], minlength=len(state.landmarks)) > 0
+    state.drop_landmarks(misfit | (state.landmarks.y[:, 2] <= 1.0 / config.max_landmark_depth))
+    return VisualOutcome(int(passed.sum()), int((~passed).sum()), nis, np.full(N, 2.0))
 
 
-def _predict(state: FilterState, rig: Rig, k: int, cameras: Stamps, uv: Floats) -> tuple[Floats, Floats, Vectors]:
-    """Residuals (n, 2) of all landmarks in clone `k`, H (n, 2, 6 C + 9) by extrinsics, clone, landmark; p_CF."""
-    R_BC, p_BC = rig.R_BC[cameras], rig.p_BC[cameras]
-    R_CB = np.swapaxes(R_BC, -1, -2)
+def _predict(
+    state: FilterState, which: Stamps, cameras: Stamps, uv: Floats
+) -> tuple[Floats, Floats, Stamps, Floats]:
+    """Views of landmarks `which` (N,) from the newest clone.
 
-    def from_camera(R_WB: Rotations, p_WB: Vectors, p_WF: Vectors) -> tuple[Vectors, Vectors]:
-        from_camera_B = (p_WF - p_WB) @ R_WB - p_BC
-        return from_camera_B, (R_CB @ from_camera_B[..., None])[..., 0]
+    Returns:
+        Residuals (N, 2), H (N, 2, m) by the error states `columns` (N, m): those of the camera, of the anchor, of the
+        newest clone and of the landmark; and depths (N,) m in the camera.
+    """
+    landmarks, rig, k = state.landmarks, state.rig, len(state.clones) - 1
+    anchors = np.searchsorted(state.clones.t_ns, landmarks.anchors[which])
+    p_AF = landmarks.p_AF[which]
+    R_CB, p_BC = np.swapaxes(rig.R_BC, -1, -2)[cameras], rig.p_BC[cameras]
 
-    _, p_CF = from_camera(state.clones.R_WB[k], state.clones.p_WB[k], state.landmarks.p_WF)
-    uv_hat, _ = rig.project_jacobian(cameras, p_CF[:, None])
-    R_lin, p_lin = (x[k] for x in state.linearisation_clones)
-    y, p_CF_lin = from_camera(R_lin, p_lin, state.linearisation_landmarks)
-    _, J = rig.project_jacobian(cameras, p_CF_lin[:, None])
-    J_B = J[:, 0] @ R_CB  # (n, 2, 3)
-    H_f = J_B @ R_lin.T
-    H = [J_B @ so3.hat(y + p_BC), -H_f, H_f]
-    if state.rig is not None:
-        n = len(cameras)
-        H_e = np.zeros((n, 2, len(rig.mounts), 6))
-        H_e[np.arange(n), :, cameras] = np.concatenate([J_B @ so3.hat(y) @ R_BC, -J_B], axis=-1)
-        H.insert(0, H_e.reshape(n, 2, -1))
-    return uv - uv_hat[:, 0], np.concatenate(H, axis=-1), p_CF
+    def seen(R_WB: Rotations, p_WB: Vectors) -> tuple[Vectors, Vectors]:
+        p_WF = (R_WB[anchors] @ p_AF[..., None])[..., 0] + p_WB[anchors]
+        p_BF = (p_WF - p_WB[k]) @ R_WB[k]
+        return p_BF, (R_CB @ (p_BF - p_BC)[..., None])[..., 0]
+
+    p_CF = seen(state.clones.R_WB, state.clones.p_WB)[1]
+    uv_hat, _ = rig.project_jacobian(cameras, p_CF)
+    R, p = state.linearisation_clones
+    p_BF_lin, p_CF_lin = seen(R, p)
+    _, J = rig.project_jacobian(cameras, p_CF_lin)
+    J_B = J @ R_CB  # (N, 2, 3)
+    J_W = J_B @ R[k].T
+    J_A = J_W @ R[anchors]
+    parts = [-J_A @ so3.hat(p_AF), J_W, J_B @ so3.hat(p_BF_lin), -J_W, J_A @ landmarks.by_y[which]]
+
+    def block(first: Stamps, size: int) -> Stamps:
+        return np.asarray(np.broadcast_to(first, len(which))[:, None] + np.arange(size))
+
+    columns = [
+        block(state.clone_start + 6 * anchors, 6),
+        block(np.array(state.clone(k).start), 6),
+        block(state.clone_stop + 3 * which, 3),
+    ]
+    size = state.estimated.camera_size
+    if size:
+        parts.insert(0, camera_jacobian(rig, cameras, J_B, p_BF_lin, p_CF_lin, state.estimated))
+        columns.insert(0, block(state.cameras.start + size * cameras, size))
+    return uv - uv_hat, np.concatenate(parts, axis=-1), np.concatenate(columns, axis=1), p_CF[:, 2]
 
 
-def _match(keys: Stamps, observed: Stamps) -> tuple[Mask, Stamps]:
-    """Which of `keys` were observed, and at which index."""
-    order = np.argsort(observed, kind="stable")
-    at = np.minimum(np.searchsorted(observed[order], keys), max(len(observed) - 1, 0))
-    if len(observed) == 0:
-        return np.zeros(len(keys), dtype=bool), np.zeros(len(keys), dtype=np.int64)
-    return observed[order][at] == keys, order[at]
+def _match(keys: Stamps, observed: Stamps) -> tuple[Stamps, Stamps]:
+    """For each observation of one of `keys` (L,): which of them, and which of `observed` (N,)."""
+    order = np.argsort(keys, kind="stable")
+    at = np.minimum(np.searchsorted(keys[order], observed), len(keys) - 1)
+    where = np.flatnonzero(keys[order][at] == observed)
+    return order[at[where]], where

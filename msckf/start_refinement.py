@@ -194,7 +194,7 @@ def _visual_rows(
     """What the features say about the poses, compressed, and the squared residual that no pose can explain."""
     K = len(path.R)
     r, H_x, H_f, _ = linearise(views, path.R, path.p, path.R, path.p, features)
-    parts = split(r, H_x, H_f)
+    parts = split(views, r, H_x, H_f)
     s = vision.pixel_noise
     weight = 1.0 / (s * np.sqrt(1.0 + (rms[np.isfinite(rms)] / (3.0 * s)) ** 2))  # Cauchy's, per feature
     H, r = parts.H * weight[:, None, None], parts.r * weight[:, None]

@@ -14,7 +14,7 @@ from msckf.prior_update import StartingBias
 from msckf.standstill import image_motion, imu_is_quiet
 from msckf.start_refinement import Window
 from msckf.static_start import static_start
-from msckf.views import Rig, Views
+from msckf.views import Rig
 from navcore.calibration import Calibration
 from navcore.odometry import State
 
@@ -36,7 +36,7 @@ class Starter:
         self._noise = calibration.imu
         self._rig = rig
         self._config = config
-        self._table = FeatureTable()
+        self._table = FeatureTable(len(rig))
         self._t_ns: list[int] = []
         self._last_attempt_ns: int | None = None
         self._last_reason = "collecting images"
@@ -46,12 +46,12 @@ class Starter:
         c = self._config.start
         if buffer.oldest_ns is None or buffer.oldest_ns > t_ns:
             return Start(None, "no IMU yet")
-        self._table.add_column(observations.keys, observations.cameras, observations.uv, observations.bearings)
+        self._table.add_clone(observations)
         self._t_ns.append(t_ns)
         keep_ns = round(1.1e9 * max(c.moving_s, c.static_s))
         while self._t_ns[0] < t_ns - keep_ns:
             self._t_ns.pop(0)
-            self._table.drop_column(0)
+            self._table.drop_clone(0)
         if c.mode in ("auto", "static"):
             start = self._static(t_ns, buffer, bias)
             if start.state is not None or c.mode == "static":
@@ -67,8 +67,7 @@ class Starter:
         if not imu_is_quiet(buffer, t_ns, c.standstill, c.start.static_s):
             return Start(None, "not standing still")
         k = int(np.searchsorted(self._t_ns, begin_ns - 1_000_000))
-        both = self._table.seen[:, k] & self._table.seen[:, -1]
-        moved = image_motion(self._table.uv[both, k], self._table.uv[both, -1])
+        moved = image_motion(*self._table.followed(k, self._table.clones - 1))
         if moved is None:
             return Start(None, "too few features are followed")
         if moved > c.start.static_disparity:
@@ -83,10 +82,9 @@ class Starter:
         if self._last_attempt_ns is not None and t_ns - self._last_attempt_ns < _ATTEMPT_S * 1e9 - 1e6:
             return Start(None, self._last_reason)
         self._last_attempt_ns = t_ns
-        seen = self._table.seen[:, columns]
-        rows = seen.sum(axis=1) >= self._config.vision.min_views
-        t = self._table
-        views = Views(self._rig, t.cameras[rows], t.uv[rows][:, columns], seen[rows], t.bearings[rows][:, columns])
+        keyframes = np.array(columns)
+        rows = self._table.seen[:, self._table.columns(keyframes)].sum(axis=1) >= self._config.vision.min_views
+        views = self._table.views_of(self._rig, rows, keyframes)
         times = [self._t_ns[k] for k in columns]
         cells = [buffer.cells(a, b) for a, b in pairwise(times)]
         result = moving_start(Window(cells, views, self._noise, bias.device), c, self._config.vision)

@@ -1,13 +1,14 @@
 """The filter's state: nominal values, first estimates and covariance under one owner (docs/filter.md, section 1)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from msckf.blocks import ACCEL_BIAS, BIASES, GYRO_BIAS, IMU_SIZE, POSITION, THETA, VELOCITY
+from msckf.clones import Clones
+from msckf.estimated import POSE_SIZE, Estimated
+from msckf.landmarks import Landmarks
 from msckf.propagation import Increment, noise_in_world, predict, transition
-from msckf.views import Rig
+from msckf.views import INTRINSICS_SIZE, Rig
 from navcore import so3
 from navcore.arrays import Floats, Mask, Rotations, Stamps, Vectors
 from navcore.odometry import State
@@ -17,72 +18,26 @@ LANDMARK_SIZE = 3
 _FAR_OFF = (0.01, 0.03)  # rad and m/s, a correction after which first estimates are given up
 
 
-@dataclass
-class Clones:
-    """Poses of the body at past frames, oldest first, and where each was first estimated.
-
-    Attributes:
-        t_ns: (K,) camera time.
-        R_WB, p_WB: (K, 3, 3), (K, 3) current estimates.
-        R_first, p_first: the same when the clone was made; linearisation points under FEJ.
-    """
-
-    t_ns: Stamps
-    R_WB: Rotations
-    p_WB: Vectors
-    R_first: Rotations
-    p_first: Vectors
-
-    @staticmethod
-    def none() -> "Clones":
-        """No clones."""
-        return Clones(
-            np.zeros(0, dtype=np.int64),
-            np.zeros((0, 3, 3)),
-            np.zeros((0, 3)),
-            np.zeros((0, 3, 3)),
-            np.zeros((0, 3)),
-        )
-
-    def __len__(self) -> int:
-        return len(self.t_ns)
-
-
-@dataclass
-class Landmarks:
-    """Features that are part of the state.
-
-    Attributes:
-        keys: (L,) feature numbers.
-        p_WF: (L, 3) m, current estimates.
-        p_first: (L, 3) where each was first estimated.
-    """
-
-    keys: Stamps
-    p_WF: Vectors
-    p_first: Vectors
-
-    @staticmethod
-    def none() -> "Landmarks":
-        """No landmarks."""
-        return Landmarks(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
-
-    def __len__(self) -> int:
-        return len(self.keys)
-
-
 class FilterState:
     """Nominal state and covariance, changed only together.
 
-    Error order: `dtheta, dp, dv, db_g, db_a`, then where the cameras sit (`dtheta, dp` each, if it is estimated), the
-    prior's error `c` (6, likewise), clones (`dtheta, dp` each), landmarks (3 each). With `fej` off, linearisation
-    points follow the current estimates.
+    Error order: `dtheta, dp, dv, db_g, db_a`, then what is estimated of the calibration (the time offset, then of each
+    camera `dtheta, dp` and intrinsics), the prior's error `c` (6, if it is estimated), clones (`dtheta, dp` each),
+    landmarks (3 each). With `fej` off, linearisation points follow the current estimates.
+
+    Args:
+        start: the first state.
+        rig: the cameras, as far as they are known.
+        dt_cam_imu: s, likewise.
+        fej: whether to linearise at first estimates.
     """
 
-    def __init__(self, start: State, *, fej: bool = True) -> None:
+    def __init__(self, start: State, rig: Rig, dt_cam_imu: float = 0.0, *, fej: bool = True) -> None:
         self.R_WB, self.p_WB, self.v_WB = start.R_WB.copy(), start.p_WB.copy(), start.v_WB.copy()
         self.b_g, self.b_a = start.b_g.copy(), start.b_a.copy()
-        self.rig: Rig | None = None
+        self.rig = rig
+        self.dt_cam_imu = dt_cam_imu
+        self.estimated = Estimated()
         self.c: Floats | None = None
         self.clones = Clones.none()
         self.landmarks = Landmarks.none()
@@ -105,14 +60,25 @@ class FilterState:
         return len(self._P)
 
     @property
-    def extrinsics(self) -> slice:
-        """Where the cameras' poses in B are; empty when they are not estimated."""
-        return slice(IMU_SIZE, IMU_SIZE + (0 if self.rig is None else CLONE_SIZE * len(self.rig.mounts)))
+    def time_offset(self) -> slice:
+        """Where `dt_cam_imu` is; empty when it is not estimated."""
+        return slice(IMU_SIZE, IMU_SIZE + self.estimated.time_offset)
+
+    @property
+    def cameras(self) -> slice:
+        """Where all that is estimated of the cameras is, camera by camera."""
+        first = self.time_offset.stop
+        return slice(first, first + self.estimated.camera_size * len(self.rig))
+
+    @property
+    def calibration(self) -> slice:
+        """Time offset and cameras."""
+        return slice(IMU_SIZE, self.cameras.stop)
 
     @property
     def prior_error(self) -> slice:
         """Where `c` is; empty when it is not estimated."""
-        return slice(self.extrinsics.stop, self.extrinsics.stop + (0 if self.c is None else 6))
+        return slice(self.cameras.stop, self.cameras.stop + (0 if self.c is None else 6))
 
     @property
     def clone_start(self) -> int:
@@ -121,9 +87,8 @@ class FilterState:
 
     @property
     def seen_columns(self) -> Stamps:
-        """Error states that observations over the window depend on: extrinsics and clones."""
-        clones = np.arange(self.clone_start, self.clone_stop)
-        return np.concatenate([np.arange(IMU_SIZE, self.prior_error.start), clones])
+        """Error states that observations over the window depend on: cameras and clones."""
+        return np.r_[self.cameras, self.clone_start : self.clone_stop]
 
     def clone(self, k: int) -> slice:
         """Where clone `k` is."""
@@ -138,11 +103,6 @@ class FilterState:
     def landmark_columns(self, rows: Stamps) -> Stamps:
         """Indices (3 n,) of the error states of landmarks `rows` (n,)."""
         return (self.clone_stop + LANDMARK_SIZE * rows[:, None] + np.arange(LANDMARK_SIZE)).ravel()
-
-    @property
-    def linearisation_landmarks(self) -> Vectors:
-        """Positions (L, 3) at which measurements of landmarks are linearised."""
-        return self.landmarks.p_first if self._fej else self.landmarks.p_WF
 
     @property
     def linearisation_clones(self) -> tuple[Rotations, Vectors]:
@@ -185,63 +145,66 @@ class FilterState:
         return bool(np.linalg.norm(self.v_WB - self._first[2]) > velocity or cosine < np.cos(turn))
 
     def _linearise_anew(self) -> None:
-        """Make the current estimates first estimates, of the body, clones and landmarks alike."""
+        """Make the current estimates first estimates, of the body and the clones."""
         self._keep_first_estimates()
         self.clones.R_first, self.clones.p_first = self.clones.R_WB, self.clones.p_WB
-        self.landmarks.p_first = self.landmarks.p_WF
 
     def _keep_first_estimates(self) -> None:
         self._first = (self.R_WB, self.p_WB, self.v_WB)
 
-    # -- clones and prior error -------------------------------------------------------------------------------
+    # -- clones, landmarks, calibration and prior error -------------------------------------------------------
 
-    def add_clone(self, t_ns: int) -> None:
-        """Append the current pose as a clone."""
-        i = self.clone_stop
-        source = np.r_[0:i, THETA, POSITION, i : self.size]
-        self._P = self._P[np.ix_(source, source)]
-        c = self.clones
-        R_first, p_first, _ = self._first
-        self.clones = Clones(
-            np.append(c.t_ns, np.int64(t_ns)),
-            np.concatenate([c.R_WB, self.R_WB[None]]),
-            np.concatenate([c.p_WB, self.p_WB[None]]),
-            np.concatenate([c.R_first, R_first[None]]),
-            np.concatenate([c.p_first, p_first[None]]),
-        )
+    def add_clone(self, t_ns: int, omega_B: Vectors) -> None:
+        """Append the pose at the image of camera time `t_ns` as a clone; `omega_B` (3,) rad/s is the rate there.
+
+        The image was taken at another time than was thought if `dt_cam_imu` is wrong, and the pose differs by that
+        (Li and Mourikis 2014, "Online temporal calibration for camera-IMU systems", eq. 32).
+        """
+        R_first, p_first, v_first = self._first
+        J = np.zeros((CLONE_SIZE, IMU_SIZE + 1))
+        J[:, :CLONE_SIZE] = np.eye(CLONE_SIZE)
+        source = np.arange(IMU_SIZE)
+        if self.estimated.time_offset:
+            source = np.r_[source, self.time_offset]
+            J[:3, -1], J[3:, -1] = omega_B, v_first
+        J = J[:, : len(source)]
+        rows = J @ self._P[source]
+        self._P = _bordered(self._P, rows, rows[:, source] @ J.T, self.clone_stop)
+        self.clones = self.clones.with_one(t_ns, self.R_WB, self.p_WB, R_first, p_first)
 
     def drop_clone(self, k: int) -> None:
-        """Marginalise clone `k`."""
+        """Marginalise clone `k`; no landmark may be anchored there."""
         where = self.clone(k)
         keep = np.r_[0 : where.start, where.stop : self.size]
         self._P = self._P[np.ix_(keep, keep)]
-        c = self.clones
-        self.clones = Clones(
-            np.delete(c.t_ns, k),
-            np.delete(c.R_WB, k, axis=0),
-            np.delete(c.p_WB, k, axis=0),
-            np.delete(c.R_first, k, axis=0),
-            np.delete(c.p_first, k, axis=0),
-        )
+        self.clones = self.clones.without(k)
 
-    def add_landmarks(self, keys: Stamps, p_WF: Vectors, p_first: Vectors, by_seen: Floats, covariance: Floats) -> None:
+    def add_landmarks(self, landmarks: Landmarks, by_seen: Floats, covariance: Floats) -> None:
         """Append landmarks that are linear in what the window's observations depend on.
 
         Args:
-            keys: (n,), p_WF: (n, 3) m, p_first: (n, 3) m where they are linearised.
-            by_seen: (3 n, m) derivative of the positions by the error states `seen_columns`.
+            landmarks: n of them.
+            by_seen: (3 n, m) derivative of their `y` by the error states `seen_columns`.
             covariance: (3 n, 3 n) of the rest, independent of the state.
         """
         columns = self.seen_columns
-        cross = by_seen @ self._P[columns]  # (3 n, size)
-        corner = cross[:, columns] @ by_seen.T + covariance
-        self._P = np.block([[self._P, cross.T], [cross, 0.5 * (corner + corner.T)]])
-        m = self.landmarks
-        self.landmarks = Landmarks(
-            np.concatenate([m.keys, keys]),
-            np.concatenate([m.p_WF, p_WF]),
-            np.concatenate([m.p_first, p_first]),
-        )
+        rows = by_seen @ self._P[columns]  # (3 n, size)
+        self._P = _bordered(self._P, rows, rows[:, columns] @ by_seen.T + covariance, self.size)
+        self.landmarks = self.landmarks.and_others(landmarks)
+
+    def move_landmarks(self, mask: Mask, landmarks: Landmarks, J: Floats, columns: Stamps) -> None:
+        """Describe the landmarks of `mask` (L,) otherwise, n of them.
+
+        Args:
+            mask: which.
+            landmarks: their new description.
+            J: (n, 3, m) derivative of the new `y` by the error states `columns` (n, m).
+        """
+        rows, corner = self.seen_through(J, columns)
+        own = self.landmark_columns(np.flatnonzero(mask))
+        self._P[own], self._P[:, own] = rows, rows.T
+        self._P[np.ix_(own, own)] = 0.5 * (corner + corner.T)
+        self.landmarks = self.landmarks.replaced(mask, landmarks)
 
     def drop_landmarks(self, mask: Mask) -> None:
         """Marginalise the landmarks of `mask` (L,)."""
@@ -249,20 +212,12 @@ class FilterState:
             return
         keep = np.r_[0 : self.clone_stop, self.landmark_columns(np.flatnonzero(~mask))]
         self._P = self._P[np.ix_(keep, keep)]
-        m = self.landmarks
-        self.landmarks = Landmarks(m.keys[~mask], m.p_WF[~mask], m.p_first[~mask])
+        self.landmarks = self.landmarks.rows(~mask)
 
-    def estimate_extrinsics(self, rig: Rig, rotation_sigma: float, position_sigma: float) -> None:
-        """Begin to estimate where the cameras of `rig` sit, known so far to these sigmas [rad, m]; before any clone."""
-        sigma = np.tile(np.repeat([rotation_sigma, position_sigma], 3), len(rig.mounts))
-        n, m = self.size, len(sigma)
-        P = np.zeros((n + m, n + m))
-        i = self.extrinsics.start
-        old = np.r_[0:i, i + m : n + m]
-        P[np.ix_(old, old)] = self._P
-        P[i : i + m, i : i + m] = np.diag(sigma**2)
-        self._P = P
-        self.rig = rig
+    def estimate_calibration(self, estimated: Estimated, sigmas: Floats) -> None:
+        """Begin to estimate parts of the calibration, known so far to `sigmas` in their order; before any clone."""
+        self._P = _bordered(self._P, np.zeros((len(sigmas), self.size)), np.diag(sigmas**2), IMU_SIZE)
+        self.estimated = estimated
 
     def add_prior_error(self, mean: Floats, gain: Floats, conditional: Floats) -> None:
         """Begin to estimate the prior's error `c`, given how it hangs together with the biases.
@@ -273,16 +228,9 @@ class FilterState:
         Args:
             mean: (6,) of `c` at the present biases, gain: (6, 6), conditional: (6, 6).
         """
-        n, i = self.size, self.prior_error.start
         cross = gain @ self._P[BIASES]  # (6, n)
-        P = np.zeros((n + 6, n + 6))
-        old = np.r_[0:i, i + 6 : n + 6]
-        new = slice(i, i + 6)
-        P[np.ix_(old, old)] = self._P
-        P[new, old] = cross
-        P[old, new] = cross.T
-        P[new, new] = conditional + gain @ self._P[BIASES, BIASES] @ gain.T
-        self._P = P
+        corner = conditional + gain @ self._P[BIASES, BIASES] @ gain.T
+        self._P = _bordered(self._P, cross, corner, self.prior_error.start)
         self.c = mean.copy()
 
     def widen_biases(self, covariance: Floats) -> None:
@@ -292,15 +240,34 @@ class FilterState:
     # -- measurement ------------------------------------------------------------------------------------------
 
     def update(self, H: Floats, columns: Stamps, r: Floats, R: Floats) -> None:
-        """Kalman update with `r = z - z_hat`, `H` (m, len(columns)) by the error states `columns`, noise `R` (m, m).
+        """Kalman update with `r = z - z_hat`, `H` (m, len(columns)) by the error states `columns`, noise `R` (m, m)."""
+        HP = H @ self._P[columns]
+        self.correct(HP, HP[:, columns] @ H.T + R, r)
+
+    def seen_through(self, H: Floats, columns: Stamps) -> tuple[Floats, Floats]:
+        """H P and H P H^T of a sparse H: row block n, `H[n]` (q, m), is by the error states `columns[n]` (m,).
+
+        Args:
+            H: (N, q, m), columns: (N, m).
+
+        Returns:
+            (N q, size), (N q, N q).
+        """
+        N, q, _ = H.shape
+        HP = (H @ self._P[columns]).reshape(N * q, self.size)
+        HPH = np.moveaxis(HP[:, columns], 0, 1) @ np.swapaxes(H, -1, -2)  # (N, N q, q)
+        return HP, np.moveaxis(HPH, 0, 1).reshape(N * q, N * q)
+
+    def correct(self, HP: Floats, S: Floats, r: Floats) -> None:
+        """Kalman update by H P (m, size), innovation covariance S (m, m) and innovation r (m,).
 
         With S = L L^T and V = L^-1 H P the new covariance is P - V^T V, which rounding leaves exactly symmetric.
         """
-        PHt = self._P[:, columns] @ H.T
-        L = np.linalg.cholesky(H @ PHt[columns] + R)
-        V = solve_triangular(L, PHt.T, lower=True, check_finite=False)  # (m, n)
-        self._P = self._P - V.T @ V
-        self._apply(V.T @ solve_triangular(L, r, lower=True, check_finite=False))
+        L = np.linalg.cholesky(S)
+        V = solve_triangular(L, np.column_stack([HP, r]), lower=True, check_finite=False)  # (m, size + 1)
+        squared = V.T @ V
+        self._P = self._P - squared[:-1, :-1]
+        self._apply(squared[:-1, -1])
 
     def _apply(self, dx: Floats) -> None:
         self.R_WB = so3.normalise(self.R_WB @ so3.exp(dx[THETA]))
@@ -308,8 +275,14 @@ class FilterState:
         self.v_WB = self.v_WB + dx[VELOCITY]
         self.b_g = self.b_g + dx[GYRO_BIAS]
         self.b_a = self.b_a + dx[ACCEL_BIAS]
-        if self.rig is not None:
-            self.rig = self.rig.moved(dx[self.extrinsics].reshape(-1, CLONE_SIZE))
+        if self.estimated.time_offset:
+            self.dt_cam_imu += float(dx[self.time_offset][0])
+        if self.estimated.camera_size:
+            by_camera = dx[self.cameras].reshape(len(self.rig), -1)
+            if self.estimated.extrinsics:
+                self.rig = self.rig.sits_elsewhere(by_camera[:, :POSE_SIZE])
+            if self.estimated.intrinsics:
+                self.rig = self.rig.projects_otherwise(by_camera[:, -INTRINSICS_SIZE:])
         if self.c is not None:
             self.c = self.c + dx[self.prior_error]
         if len(self.clones):
@@ -317,4 +290,16 @@ class FilterState:
             self.clones.R_WB = so3.normalise(self.clones.R_WB @ so3.exp(d[:, :3]))
             self.clones.p_WB = self.clones.p_WB + d[:, 3:]
         if len(self.landmarks):
-            self.landmarks.p_WF = self.landmarks.p_WF + dx[self.clone_stop :].reshape(-1, LANDMARK_SIZE)
+            self.landmarks.y = self.landmarks.y + dx[self.clone_stop :].reshape(-1, LANDMARK_SIZE)
+
+
+def _bordered(P: Floats, rows: Floats, corner: Floats, at: int) -> Floats:
+    """P (n, n) with new states put in before state `at`: their covariance with P's, (m, n), and their own, (m, m)."""
+    n, m = len(P), len(rows)
+    out = np.empty((n + m, n + m))
+    old = np.r_[0:at, at + m : n + m]
+    new = slice(at, at + m)
+    out[np.ix_(old, old)] = P
+    out[new, old], out[old, new] = rows, rows.T
+    out[new, new] = 0.5 * (corner + corner.T)
+    return out

@@ -1,4 +1,4 @@
-"""Positions of many features at once from their views: a linear guess, then refinement (docs/filter.md, section 4)."""
+"""Positions of many features at once from their views (docs/filter.md, section 4)."""
 
 from dataclasses import dataclass
 
@@ -38,108 +38,66 @@ class Triangulated:
 def triangulate(views: Views, R_WB: Rotations, p_WB: Vectors, config: VisionConfig) -> Triangulated:
     """Triangulate from body poses R_WB (K, 3, 3), p_WB (K, 3).
 
+    A feature is x = (across, across, inverse range) from the last view that saw it (Montiel et al. 2006, "Unified
+    inverse depth parametrization", eq. 3). Its direction from any view, times the inverse range, is linear in x, so what
+    of it lies across the ray that was seen is, too: least squares, with weights by the range that the step before gave
+    (Hartley and Sturm 1997, "Triangulation", section 4.2). Nothing needs a first guess or goes astray at infinity.
+
     A feature without parallax would get a distance made of noise, and pretend to know the translation by it. It is
     put at `_FAR` instead: there it hardly depends on the translation, and what its true distance adds to the residual
     lies in the direction that the projection onto the left null space takes out.
-
-    The guess minimises the distances to the rays; the refinement is Levenberg-Marquardt on pixel errors in inverse
-    depth from the last view that saw the feature (Montiel et al. 2006, "Unified inverse depth parametrization", eq. 3),
-    which stays well-behaved for far features.
     """
     F = len(views.uv)
     if F == 0:
         return Triangulated(np.zeros((0, 3)), np.zeros(0, dtype=bool), np.zeros(0), np.zeros(0))
     R_WC, p_WC = views.camera_poses(R_WB, p_WB)
-    weight = views.seen.astype(np.float64)
-    rays_C = views.rays
-    rays_W = (R_WC @ rays_C[..., None])[..., 0]  # (F, K, 3)
-    p_WF = _nearest_to_rays(rays_W, p_WC, weight)
+    rays = (R_WC @ views.rays[..., None])[..., 0]  # (F, V, 3) in W
+    anchor, rows = views.last, np.arange(F)
+    frame = across_and_along(rays[rows, anchor])
+    towards = p_WC[anchor][:, None] - p_WC  # (F, V, 3) from every view to the anchor
+    focal = np.array([camera.focal for camera in views.rig.cameras])[views.cameras]
+    across = _across(rays) * (views.seen * focal)[..., None, None]  # (F, V, 2, 3) px
+    A = np.concatenate([across @ frame[:, None, :, :2], across @ towards[..., None]], axis=-1)  # (F, V, 2, 3)
+    b = (across @ frame[:, None, :, 2:])[..., 0]  # (F, V, 2)
 
-    anchor = views.seen.shape[1] - 1 - np.argmax(views.seen[:, ::-1], axis=1)  # last view
-    rows = np.arange(F)
-    R_WA, p_WA = R_WC[rows, anchor], p_WC[rows, anchor]
-    R_CA = np.swapaxes(R_WC, -1, -2) @ R_WA[:, None]
-    p_CA = (np.swapaxes(R_WC, -1, -2) @ (p_WA[:, None] - p_WC)[..., None])[..., 0]
-    ray_A = rays_C[rows, anchor]
-    frame = _ray_frames(ray_A)  # columns: two directions across the ray, the ray
-    p_AF = (np.swapaxes(R_WA, -1, -2) @ (p_WF - p_WA)[..., None])[..., 0]
-    along = np.einsum("fi,fi->f", ray_A, p_AF)
-    range_guess = np.where(along > config.min_depth, along, 5.0)  # behind: start at a middling range
-    across = np.einsum("fij,fi->fj", frame, p_AF)[:, :2] / range_guess[:, None]
-    across = np.where((along > config.min_depth)[:, None], np.clip(across, -0.2, 0.2), 0.0)
-    x = np.concatenate([across, 1.0 / range_guess[:, None]], axis=1)
-    x, cost, spread = _refine(views, weight, R_CA @ frame[:, None], p_CA, x)
+    x = np.zeros((F, 3))
+    h = rays
+    scale = np.ones(rays.shape[:2])
+    for _ in range(_STEPS):
+        J = A / scale[..., None, None]
+        r = b / scale[..., None]
+        normal = np.einsum("fvia,fvib->fab", J, J)
+        normal = normal + np.eye(3) * (1e-12 * np.einsum("faa->f", normal) + 1e-9)[:, None, None]
+        x = -np.linalg.solve(normal, np.einsum("fvia,fvi->fa", J, r)[..., None])[..., 0]
+        direction = frame[..., 2] + (frame[..., :2] @ x[:, :2, None])[..., 0]
+        h = direction[:, None] + x[:, None, 2:] * towards
+        scale = np.maximum(np.linalg.norm(h, axis=-1), 1e-3)
+    residual = (A @ x[:, None, :, None])[..., 0] + b
+    cost = np.sum((residual / scale[..., None]) ** 2, axis=(1, 2))
+    sigma = np.sqrt(np.maximum(np.linalg.inv(normal)[:, 2, 2], 1e-18)) * config.pixel_noise
 
-    certainty = np.abs(x[:, 2]) / (np.sqrt(spread) * config.pixel_noise)
+    certainty = x[:, 2] / sigma
     near = certainty > config.min_parallax
     rho = np.where(near, np.maximum(x[:, 2], 1e-9), _FAR)
-    direction = (frame @ np.concatenate([x[:, :2], np.ones((F, 1))], axis=1)[..., None])[..., 0]
-    p_WF = p_WA + (R_WA @ (direction / rho[:, None])[..., None])[..., 0]
-    to_feature = p_WF[:, None] - p_WC
-    distance = np.linalg.norm(to_feature, axis=-1)
-    cosine = np.einsum("fki,fki->fk", to_feature, rays_W) / np.maximum(distance, 1e-9)
-    in_front = ((cosine > 0.9) & (distance > config.min_depth) | ~views.seen).all(axis=1)
+    p_WF = p_WC[anchor] + direction / rho[:, None]
+    distance = np.linalg.norm(p_WF[:, None] - p_WC, axis=-1)
+    forward = np.einsum("fvi,fvi->fv", h, rays) > 0.9 * scale
+    in_front = (forward & (distance > config.min_depth) | ~views.seen).all(axis=1)
     nearest = np.where(views.seen, distance, np.inf).min(axis=1)
-    count = weight.sum(axis=1)
+    count = views.seen.sum(axis=1)
     rms = np.sqrt(cost / np.maximum(count, 1.0))
     valid = in_front & (~near | (nearest < config.max_depth)) & np.isfinite(rms) & (count >= 2)
     return Triangulated(np.where(valid[:, None], p_WF, 0.0), valid, np.where(valid, rms, np.inf), certainty)
 
 
-def _nearest_to_rays(rays: Vectors, p_WC: Vectors, weight: Floats) -> Vectors:
-    """The points nearest to rays (F, K, 3) from p_WC, in least squares."""
-    across = np.eye(3) - rays[..., :, None] * rays[..., None, :]
-    across = across * weight[..., None, None]
-    A = across.sum(axis=1)
-    b = (across @ p_WC[..., None]).sum(axis=1)
-    A = A + 1e-9 * np.eye(3) * np.maximum(weight.sum(axis=1), 1.0)[:, None, None]
-    return np.asarray(np.linalg.solve(A, b)[..., 0])
+def across_and_along(rays: Vectors) -> Rotations:
+    """Rotations (F, 3, 3) whose last column is the ray (F, 3)."""
+    return np.concatenate([np.swapaxes(_across(rays), -1, -2), rays[..., None]], axis=-1)
 
 
-def _ray_frames(rays: Vectors) -> Rotations:
-    """Rotations (F, 3, 3) whose last column is the ray."""
-    helper = np.where(np.abs(rays[:, :1]) < 0.7, np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 1.0, 0.0]]))
+def _across(rays: Vectors) -> Floats:
+    """Two unit vectors (..., 2, 3) at right angles to each other and to unit rays (..., 3)."""
+    helper = np.where(np.abs(rays[..., :1]) < 0.7, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
     first = so3.cross(helper, rays)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, so3.cross(rays, first), rays], axis=-1)
-
-
-def _refine(views: Views, weight: Floats, R_CA: Rotations, p_CA: Vectors, x: Floats) -> tuple[Floats, Floats, Floats]:
-    """Levenberg-Marquardt over x = (across, across, inverse range); each feature has its own damping.
-
-    Returns x, the squared error [px^2], and the variance of the inverse range at one pixel of noise.
-    """
-    damping = np.full(len(x), 1e-4)
-    r, J = _residuals(views, weight, R_CA, p_CA, x)
-    cost = np.einsum("fki,fki->f", r, r)
-    for _ in range(_STEPS):
-        A = np.einsum("fkia,fkib->fab", J, J)
-        g = np.einsum("fkia,fki->fa", J, r)
-        diagonal = np.einsum("faa->fa", A)
-        A = A + np.eye(3) * (damping[:, None] * diagonal + 1e-9)[:, None, :]
-        trial = x + np.linalg.solve(A, g[..., None])[..., 0]
-        trial[:, 2] = np.maximum(trial[:, 2], 1e-4)
-        r_new, J_new = _residuals(views, weight, R_CA, p_CA, trial)
-        cost_new = np.einsum("fki,fki->f", r_new, r_new)
-        better = cost_new < cost
-        gain = np.max(np.where(better, (cost - cost_new) / np.maximum(cost, 1e-9), 0.0), initial=0.0)
-        x = np.where(better[:, None], trial, x)
-        r = np.where(better[:, None, None], r_new, r)
-        J = np.where(better[:, None, None, None], J_new, J)
-        cost = np.where(better, cost_new, cost)
-        damping = np.where(better, damping * 0.1, damping * 10.0)
-        if gain < 1e-3 and better.all():
-            break
-    A = np.einsum("fkia,fkib->fab", J, J)
-    A = A + np.eye(3) * (1e-9 * np.einsum("faa->fa", A) + 1e-9)[:, None, :]  # columns may be parallel: no baseline
-    return x, cost, np.maximum(np.linalg.inv(A)[:, 2, 2], 1e-12)
-
-
-def _residuals(views: Views, weight: Floats, R_CA: Rotations, p_CA: Vectors, x: Floats) -> tuple[Floats, Floats]:
-    """Pixel residuals (F, K, 2) and derivatives of the prediction by x (F, K, 2, 3)."""
-    direction = np.concatenate([x[:, :2], np.ones((len(x), 1))], axis=1)
-    # A point times its inverse range: the projection does not see the scale.
-    h = (R_CA @ direction[:, None, :, None])[..., 0] + x[:, None, 2:] * p_CA
-    uv, J = views.rig.project_jacobian(views.cameras, h)
-    by_x = np.concatenate([R_CA[..., :2], p_CA[..., None]], axis=-1)
-    return (views.uv - uv) * weight[..., None], (J @ by_x) * weight[..., None, None]
+    first /= np.maximum(np.linalg.norm(first, axis=-1, keepdims=True), 1e-12)
+    return np.stack([first, so3.cross(rays, first)], axis=-2)

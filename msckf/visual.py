@@ -6,10 +6,11 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from msckf.config import VisionConfig
+from msckf.estimated import Estimated
 from msckf.triangulation import Triangulated, triangulate
-from msckf.views import Views
+from msckf.views import Rig, Views
 from navcore import so3
-from navcore.arrays import Floats, Mask, Rotations, Vectors
+from navcore.arrays import Floats, Mask, Rotations, Stamps, Vectors
 
 
 @dataclass(frozen=True)
@@ -67,47 +68,71 @@ def linearise(
     the estimate however far the window has shifted since.
 
     Returns:
-        r (F, K, 2), H_x (F, K, 2, 6) by (dtheta, dp) of the clone that saw it, H_f (F, K, 2, 3), zero where not seen;
+        r (F, V, 2), H_x (F, V, 2, 6) by (dtheta, dp) of the clone that saw it, H_f (F, V, 2, 3), zero where not seen;
         and where the features were linearised, (F, 3).
     """
-    rig, cameras = views.rig, views.cameras
+    rig = views.rig
     weight = views.seen.astype(np.float64)[..., None]
-    uv, _ = rig.project_jacobian(cameras, _in_camera(views, R_WB, p_WB, features))
+    uv, _ = rig.project_jacobian(views.cameras, _in_camera(views, R_WB, p_WB, features)[1])
     r = (views.uv - uv) * weight
 
-    last = views.seen.shape[1] - 1 - np.argmax(views.seen[:, ::-1], axis=1)
+    last = views.poses[views.last]
     in_last = np.swapaxes(R_WB[last], -1, -2) @ (features - p_WB[last])[..., None]
     moved = p_lin[last] + (R_lin[last] @ in_last)[..., 0]
-    _, J = rig.project_jacobian(cameras, _in_camera(views, R_lin, p_lin, moved))
-    J = J * weight[..., None]
-    R_CB = np.swapaxes(rig.R_BC, -1, -2)[cameras][:, None]  # (F, 1, 3, 3)
-    R_BW = np.swapaxes(R_lin, -1, -2)[None]  # (1, K, 3, 3)
-    p_BF = (R_BW @ (moved[:, None] - p_lin)[..., None])[..., 0]
-    H_f = J @ (R_CB @ R_BW)
-    H_x = np.concatenate([J @ R_CB @ so3.hat(p_BF), -H_f], axis=-1)
+    p_BF, p_CF = _in_camera(views, R_lin, p_lin, moved)
+    _, J = rig.project_jacobian(views.cameras, p_CF)
+    R_CB = np.swapaxes(rig.R_BC, -1, -2)[views.cameras]  # (V, 3, 3)
+    J_B = (J * weight[..., None]) @ R_CB
+    H_f = J_B @ np.swapaxes(R_lin, -1, -2)[views.poses]
+    H_x = np.concatenate([J_B @ so3.hat(p_BF), -H_f], axis=-1)
     return r, H_x, H_f, moved
 
 
-def by_extrinsics(views: Views, H_f: Floats, R_lin: Rotations, p_lin: Vectors, p_linear: Vectors) -> Floats:
-    """(F, 2 K, 6 C) derivatives of the pixels by where the cameras sit, from those by the features, H_f (F, K, 2, 3).
+def by_calibration(
+    views: Views, H_f: Floats, R_lin: Rotations, p_lin: Vectors, p_linear: Vectors, estimated: Estimated
+) -> Floats:
+    """(F, 2 V, n C) derivatives of the pixels by what is estimated of the cameras, n for each.
 
-    With J_B = H_f R_WB and y = p_BF - p_BC: d uv / d dtheta_BC = J_B [y]x R_BC, d uv / d dp_BC = -J_B.
+    With J_B = H_f R_WB and y = p_BF - p_BC: d uv / d dtheta_BC = J_B [y]x R_BC, d uv / d dp_BC = -J_B. H_f (F, V, 2, 3).
     """
-    rig, cameras = views.rig, views.cameras
-    F, K = H_f.shape[:2]
-    J_B = H_f @ R_lin
-    p_BF = (np.swapaxes(R_lin, -1, -2) @ (p_linear[:, None] - p_lin)[..., None])[..., 0]
-    y = p_BF - rig.p_BC[cameras][:, None]
-    H = np.zeros((F, K, 2, len(rig.mounts), 6))
-    own = np.concatenate([J_B @ so3.hat(y) @ rig.R_BC[cameras][:, None], -J_B], axis=-1)
-    H[np.arange(F), :, :, cameras] = own
-    return H.reshape(F, 2 * K, -1)
+    F, V = H_f.shape[:2]
+    C, n = len(views.rig), estimated.camera_size
+    H = np.zeros((F, V, 2, C, n))
+    if n == 0:
+        return H.reshape(F, 2 * V, 0)
+    p_BF, p_CF = _in_camera(views, R_lin, p_lin, p_linear)
+    own = camera_jacobian(views.rig, views.cameras, H_f @ R_lin[views.poses], p_BF, p_CF, estimated)
+    own = own * views.seen[..., None, None]
+    H[:, np.arange(V), :, views.cameras] = np.swapaxes(own, 0, 1)
+    return H.reshape(F, 2 * V, C * n)
 
 
-def _in_camera(views: Views, R_WB: Rotations, p_WB: Vectors, features: Vectors) -> Vectors:
-    """Features (F, 3) in the camera frame of every view, (F, K, 3)."""
-    R_WC, p_WC = views.camera_poses(R_WB, p_WB)
-    return (np.swapaxes(R_WC, -1, -2) @ (features[:, None] - p_WC)[..., None])[..., 0]
+def camera_jacobian(
+    rig: Rig, cameras: Stamps, J_B: Floats, p_BF: Vectors, p_CF: Vectors, estimated: Estimated
+) -> Floats:
+    """(..., N, 2, n) derivatives of pixels by what is estimated of the camera that each goes through.
+
+    Args:
+        rig: the cameras; cameras: (N,) which one.
+        J_B: (..., N, 2, 3) derivative of the pixel by the point in B.
+        p_BF, p_CF: (..., N, 3) the point in B and in C.
+        estimated: what is.
+    """
+    parts = []
+    if estimated.extrinsics:
+        y = p_BF - rig.p_BC[cameras]
+        parts += [J_B @ so3.hat(y) @ rig.R_BC[cameras], -J_B]
+    if estimated.intrinsics:
+        parts.append(rig.by_intrinsics(cameras, p_CF))
+    return np.concatenate(parts, axis=-1)
+
+
+def _in_camera(views: Views, R_WB: Rotations, p_WB: Vectors, features: Vectors) -> tuple[Vectors, Vectors]:
+    """Features (F, 3) in the body frame and in the camera frame of every view, (F, V, 3) each."""
+    rig = views.rig
+    p_BF = (np.swapaxes(R_WB, -1, -2)[views.poses] @ (features[:, None] - p_WB[views.poses])[..., None])[..., 0]
+    R_CB = np.swapaxes(rig.R_BC, -1, -2)[views.cameras]
+    return p_BF, (R_CB @ (p_BF - rig.p_BC[views.cameras])[..., None])[..., 0]
 
 
 @dataclass(frozen=True)
@@ -115,7 +140,7 @@ class Split:
     """Observations of F features, split into what their positions can explain and what they cannot.
 
     Attributes:
-        r: (F, 2 K), H: (F, 2 K, 6 K): what no position explains.
+        r: (F, 2 V), H: (F, 2 V, 6 K): what no position explains.
         r_1: (F, 3), H_1: (F, 3, 6 K), R_1: (F, 3, 3): r_1 = H_1 dx + R_1 dp + noise, which determines the position.
     """
 
@@ -130,7 +155,7 @@ class Split:
         return Split(self.r[mask], self.H[mask], self.r_1[mask], self.H_1[mask], self.R_1[mask])
 
 
-def split(r: Floats, H_x: Floats, H_f: Floats, H_e: Floats | None = None) -> Split:
+def split(views: Views, r: Floats, H_x: Floats, H_f: Floats, H_c: Floats | None = None) -> Split:
     """Separate what the features' positions can explain from what they cannot.
 
     With H_f = Q_1 R_1 (reduced QR), I - Q_1 Q_1^T projects onto the left null space of H_f. Least squares and the
@@ -138,17 +163,19 @@ def split(r: Floats, H_x: Floats, H_f: Floats, H_e: Floats | None = None) -> Spl
     it is symmetric and idempotent, and the rows that become redundant carry neither signal nor residual.
 
     Args:
-        r: (F, K, 2), H_x: (F, K, 2, 6), H_f: (F, K, 2, 3), zero where not seen.
-        H_e: (F, 2 K, e) by other states, whose columns come before those of the poses.
+        views: what was seen.
+        r: (F, V, 2), H_x: (F, V, 2, 6), H_f: (F, V, 2, 3), zero where not seen.
+        H_c: (F, 2 V, n) by other states, whose columns come before those of the poses.
     """
-    F, K = r.shape[:2]
-    blocks = np.zeros((F, K, 2, K, 6))
-    k = np.arange(K)
-    blocks[:, k, :, k] = np.swapaxes(H_x, 0, 1)
-    H, r = blocks.reshape(F, 2 * K, 6 * K), r.reshape(F, 2 * K)
-    if H_e is not None:
-        H = np.concatenate([H_e, H], axis=-1)
-    Q_1, R_1 = np.linalg.qr(H_f.reshape(F, 2 * K, 3))
+    F, V = r.shape[:2]
+    n = 0 if H_c is None else H_c.shape[-1]
+    H = np.zeros((F, 2 * V, n + 6 * views.count))
+    H[..., :n] = 0.0 if H_c is None else H_c
+    by_pose = H[..., n:].reshape(F, V, 2, views.count, 6)
+    by_pose[:, np.arange(V), :, views.poses] = np.swapaxes(H_x, 0, 1)
+    H[..., n:] = by_pose.reshape(F, 2 * V, -1)
+    r = r.reshape(F, 2 * V)
+    Q_1, R_1 = np.linalg.qr(H_f.reshape(F, 2 * V, 3))
     Q_t = np.swapaxes(Q_1, -1, -2)
     r_1, H_1 = (Q_t @ r[..., None])[..., 0], Q_t @ H
     return Split(r - (Q_1 @ r_1[..., None])[..., 0], H - Q_1 @ H_1, r_1, H_1, R_1)
@@ -184,17 +211,16 @@ def measure(
     p_lin: Vectors,
     P: Floats,
     config: VisionConfig,
-    *,
-    extrinsics: bool = False,
+    estimated: Estimated,
 ) -> VisualMeasurement | None:
     """Everything that F features seen from K clones say about the clones, gated and compressed.
 
     Args:
         views: what was seen.
         R_WB, p_WB: clone poses; R_lin, p_lin: where to linearise.
-        P: (n, n) covariance of the clones, after that of the extrinsics if those are estimated.
+        P: (n, n) covariance of the clones, after that of what is estimated of the cameras.
         config: noise, limits and gate.
-        extrinsics: whether they are estimated.
+        estimated: what that is.
 
     Returns:
         None if no feature passed.
@@ -207,7 +233,7 @@ def measure(
         return None
     views, points = views.rows(sane), points.rows(sane)
     r, H_x, H_f, p_linear = linearise(views, R_WB, p_WB, R_lin, p_lin, points.p_WF)
-    parts = split(r, H_x, H_f, by_extrinsics(views, H_f, R_lin, p_lin, p_linear) if extrinsics else None)
+    parts = split(views, r, H_x, H_f, by_calibration(views, H_f, R_lin, p_lin, p_linear, estimated))
     nis = normalised_innovations(parts.r, parts.H, P, config.pixel_noise)
     dof = 2.0 * views.seen.sum(axis=1) - 3.0
     passed = nis <= chi_square_quantile(config.gate_probability, dof)

@@ -4,7 +4,7 @@ Points are in the camera frame C (z forward), pixels are OpenCV's: the centre of
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -54,6 +54,10 @@ class Camera(ABC):
         """Distorted normalised coordinates (..., 2) and their Jacobian by the point (..., 2, 3)."""
 
     @abstractmethod
+    def _by_distortion(self, p_CF: Vectors) -> Floats:
+        """Derivative (..., 2, 4) of the distorted normalised coordinates by the four coefficients."""
+
+    @abstractmethod
     def _undistort(self, xy: Floats) -> Vectors:
         """Unit bearings (..., 3) of distorted normalised coordinates (..., 2)."""
 
@@ -70,6 +74,26 @@ class Camera(ABC):
         """Pixels (..., 2) and their derivative by the point in C, (..., 2, 3) [px/m]."""
         xy, J = self._distort(np.asarray(p_CF, dtype=np.float64))
         return xy * self._focals + self._centre, J * self._focals[:, None]
+
+    @property
+    def intrinsics(self) -> Floats:
+        """(8,) fx, fy, cx, cy [px] and the four distortion coefficients."""
+        return np.array([self.fx, self.fy, self.cx, self.cy, *self.distortion])
+
+    def with_intrinsics(self, intrinsics: Floats) -> "Camera":
+        """The camera with other `intrinsics` (8,)."""
+        fx, fy, cx, cy, k1, k2, k3, k4 = np.asarray(intrinsics, dtype=np.float64).tolist()
+        return replace(self, fx=fx, fy=fy, cx=cx, cy=cy, distortion=(k1, k2, k3, k4))
+
+    def by_intrinsics(self, p_CF: Vectors) -> Floats:
+        """Derivative (..., 2, 8) of the pixels of points (..., 3) by `intrinsics`."""
+        p_CF = np.asarray(p_CF, dtype=np.float64)
+        xy, _ = self._distort(p_CF)
+        J = np.zeros((*xy.shape, 8))
+        J[..., 0, 0], J[..., 1, 1] = xy[..., 0], xy[..., 1]
+        J[..., 0, 2] = J[..., 1, 3] = 1.0
+        J[..., 4:] = self._by_distortion(p_CF) * self._focals[:, None]
+        return J
 
     def unproject(self, uv: Pixels) -> Vectors:
         """Unit bearings (..., 3) in C of pixels (..., 2)."""
@@ -128,6 +152,17 @@ class PinholeRadtan(Camera):
         D[..., 0, 1] = D[..., 1, 0] = slope * xyp + 2.0 * p1 * x + 2.0 * p2 * y
         D[..., 1, 1] = radial + slope * yy + 6.0 * p1 * y + 2.0 * p2 * x
         return out, D
+
+    def _by_distortion(self, p_CF: Vectors) -> Floats:
+        z = np.where(np.abs(p_CF[..., 2]) < _MIN_DEPTH, _MIN_DEPTH, p_CF[..., 2])
+        x, y = p_CF[..., 0] / z, p_CF[..., 1] / z
+        r2 = x * x + y * y
+        J = np.empty((*x.shape, 2, 4))
+        J[..., 0, 0], J[..., 1, 0] = x * r2, y * r2
+        J[..., 0, 1], J[..., 1, 1] = x * r2 * r2, y * r2 * r2
+        J[..., 0, 2], J[..., 1, 2] = 2.0 * x * y, r2 + 2.0 * y * y
+        J[..., 0, 3], J[..., 1, 3] = r2 + 2.0 * x * x, 2.0 * x * y
+        return J
 
     def _undistort(self, xy: Floats) -> Vectors:
         guess = xy.copy()
@@ -195,6 +230,13 @@ class PinholeEquidistant(Camera):
         J[..., 1, 1] = gain + radial * y * y
         J[..., :, 2] = -p_CF[..., :2] * np.where(near, 1.0 / safe_z**2, slope / norm2)[..., None]
         return xy, J
+
+    def _by_distortion(self, p_CF: Vectors) -> Floats:
+        r = np.linalg.norm(p_CF[..., :2], axis=-1)
+        theta = np.arctan2(r, p_CF[..., 2])
+        direction = p_CF[..., :2] / np.where(r < _MIN_DEPTH, 1.0, r)[..., None]
+        powers = theta[..., None] ** np.array([3, 5, 7, 9])
+        return np.asarray(direction[..., :, None] * powers[..., None, :])
 
     def _undistort(self, xy: Floats) -> Vectors:
         theta_d = np.linalg.norm(xy, axis=-1)

@@ -12,7 +12,7 @@ import pytest
 
 from eval.consistency import Consistency, judge, nees
 from eval.metrics import score
-from msckf.config import VisionConfig
+from msckf.config import CalibrationConfig
 from navcore import so3
 from navcore.odometry import Health
 from navcore.prior import BiasPrior
@@ -40,11 +40,11 @@ def of_block(verdict: Consistency, *blocks: str):
 
 def calibrated(sequence: Sequence, seed: int) -> Sequence:
     """The recording with a calibration that is as wrong about where the camera sits as the filter takes it to be."""
-    config, rng = VisionConfig(), np.random.default_rng([seed, 2])
+    config, rng = CalibrationConfig(), np.random.default_rng([seed, 2])
     (camera,) = sequence.calibration.cameras
     T_BC = camera.T_BC.copy()
-    T_BC[:3, :3] = T_BC[:3, :3] @ so3.exp(config.extrinsics_rotation_sigma * rng.standard_normal(3))
-    T_BC[:3, 3] += config.extrinsics_position_sigma * rng.standard_normal(3)
+    T_BC[:3, :3] = T_BC[:3, :3] @ so3.exp(config.rotation_sigma * rng.standard_normal(3))
+    T_BC[:3, 3] += config.position_sigma * rng.standard_normal(3)
     return replace(sequence, calibration=replace(sequence.calibration, cameras=(replace(camera, T_BC=T_BC),)))
 
 
