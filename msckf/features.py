@@ -61,10 +61,10 @@ class FeatureTable:
 
     def views_of(self, rig: Rig, rows: Mask, clones: Stamps | None = None) -> Views:
         """The views of some of the features, from all or some of the clones."""
-        if clones is None:
-            return Views(rig, self.uv[rows], self.seen[rows], self.bearings[rows])
-        columns = self.columns(clones)
-        return Views(rig, self.uv[rows][:, columns], self.seen[rows][:, columns], self.bearings[rows][:, columns])
+        columns = self.columns(np.arange(self.clones) if clones is None else clones)
+        uv, seen = self.uv[rows][:, columns], self.seen[rows][:, columns]
+        as_calibrated = rig.intrinsics is None  # the bearings of the table are
+        return Views(rig, uv, seen, self.bearings[rows][:, columns] if as_calibrated else None)
 
     def followed(self, k: int, j: int) -> tuple[Floats, Floats]:
         """Pixels (N, 2), (N, 2) of the features that one camera saw from clone `k` and from clone `j`."""
