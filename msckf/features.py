@@ -53,7 +53,7 @@ class FeatureTable:
     @property
     def seen_from(self) -> Mask:
         """(F, K) whether any camera of a clone saw the feature."""
-        return np.asarray(self.seen.reshape(len(self), -1, self._cameras).any(axis=2))
+        return np.asarray(self.seen.reshape(len(self), self.clones, self._cameras).any(axis=2))
 
     def columns(self, clones: Stamps) -> Stamps:
         """The columns (n C,) of some of the clones (n,)."""
