@@ -174,9 +174,7 @@ class FilterState:
 
     def drop_clone(self, k: int) -> None:
         """Marginalise clone `k`; no landmark may be anchored there."""
-        where = self.clone(k)
-        keep = np.r_[0 : where.start, where.stop : self.size]
-        self._P = self._P[np.ix_(keep, keep)]
+        self._P = _without(self._P, self.clone(k))
         self.clones = self.clones.without(k)
 
     def add_landmarks(self, landmarks: Landmarks, by_seen: Floats, covariance: Floats) -> None:
@@ -297,9 +295,19 @@ def _bordered(P: Floats, rows: Floats, corner: Floats, at: int) -> Floats:
     """P (n, n) with new states put in before state `at`: their covariance with P's, (m, n), and their own, (m, m)."""
     n, m = len(P), len(rows)
     out = np.empty((n + m, n + m))
-    old = np.r_[0:at, at + m : n + m]
-    new = slice(at, at + m)
-    out[np.ix_(old, old)] = P
-    out[new, old], out[old, new] = rows, rows.T
+    before, new, behind = slice(0, at), slice(at, at + m), slice(at + m, n + m)
+    out[before, before], out[before, behind] = P[:at, :at], P[:at, at:]
+    out[behind, before], out[behind, behind] = P[at:, :at], P[at:, at:]
+    out[new, before], out[new, behind] = rows[:, :at], rows[:, at:]
+    out[before, new], out[behind, new] = rows[:, :at].T, rows[:, at:].T
     out[new, new] = 0.5 * (corner + corner.T)
+    return out
+
+
+def _without(P: Floats, where: slice) -> Floats:
+    """P (n, n) without the states of a slice."""
+    a, b = where.start, where.stop
+    n = len(P) - (b - a)
+    out = np.empty((n, n))
+    out[:a, :a], out[:a, a:], out[a:, :a], out[a:, a:] = P[:a, :a], P[:a, b:], P[b:, :a], P[b:, b:]
     return out

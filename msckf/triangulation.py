@@ -9,7 +9,7 @@ from msckf.views import Views
 from navcore import so3
 from navcore.arrays import Floats, Mask, Rotations, Vectors
 
-_STEPS = 4
+_STEPS = 3
 _FAR = 1e-3  # 1/m, inverse range given to features without parallax
 
 
@@ -57,30 +57,31 @@ def triangulate(views: Views, R_WB: Rotations, p_WB: Vectors, config: VisionConf
     towards = p_WC[anchor][:, None] - p_WC  # (F, V, 3) from every view to the anchor
     focal = np.array([camera.focal for camera in views.rig.cameras])[views.cameras]
     across = _across(rays) * (views.seen * focal)[..., None, None]  # (F, V, 2, 3) px
-    A = np.concatenate([across @ frame[:, None, :, :2], across @ towards[..., None]], axis=-1)  # (F, V, 2, 3)
-    b = (across @ frame[:, None, :, 2:])[..., 0]  # (F, V, 2)
+    V = rays.shape[1]
+    system = np.empty((F, V, 2, 4))  # px: columns by x, and what is left at x = 0
+    system[..., :2] = across @ frame[:, None, :, :2]
+    system[..., 2:3] = across @ towards[..., None]
+    system[..., 3:] = across @ frame[:, None, :, 2:]
 
-    x = np.zeros((F, 3))
-    h = rays
-    scale = np.ones(rays.shape[:2])
+    scale = np.ones((F, V))
     for _ in range(_STEPS):
-        J = A / scale[..., None, None]
-        r = b / scale[..., None]
-        normal = np.einsum("fvia,fvib->fab", J, J)
-        normal = normal + np.eye(3) * (1e-12 * np.einsum("faa->f", normal) + 1e-9)[:, None, None]
-        x = -np.linalg.solve(normal, np.einsum("fvia,fvi->fa", J, r)[..., None])[..., 0]
+        weighted = (system / scale[..., None, None]).reshape(F, 2 * V, 4)
+        gram = np.swapaxes(weighted, -1, -2) @ weighted  # (F, 4, 4)
+        normal = gram[:, :3, :3] + np.eye(3) * (1e-12 * np.einsum("faa->f", gram[:, :3, :3]) + 1e-9)[:, None, None]
+        inverse = np.linalg.inv(normal)
+        x = -(inverse @ gram[:, :3, 3:])[..., 0]
         direction = frame[..., 2] + (frame[..., :2] @ x[:, :2, None])[..., 0]
         h = direction[:, None] + x[:, None, 2:] * towards
-        scale = np.maximum(np.linalg.norm(h, axis=-1), 1e-3)
-    residual = (A @ x[:, None, :, None])[..., 0] + b
-    cost = np.sum((residual / scale[..., None]) ** 2, axis=(1, 2))
-    sigma = np.sqrt(np.maximum(np.linalg.inv(normal)[:, 2, 2], 1e-18)) * config.pixel_noise
+        scale = np.maximum(np.sqrt(np.einsum("fvi,fvi->fv", h, h)), 1e-3)
+    residual = (system @ np.append(x, np.ones((F, 1)), axis=1)[:, None, :, None])[..., 0] / scale[..., None]
+    cost = np.einsum("fvi,fvi->f", residual, residual)
+    sigma = np.sqrt(np.maximum(inverse[:, 2, 2], 1e-18)) * config.pixel_noise
 
     certainty = x[:, 2] / sigma
     near = certainty > config.min_parallax
     rho = np.where(near, np.maximum(x[:, 2], 1e-9), _FAR)
     p_WF = p_WC[anchor] + direction / rho[:, None]
-    distance = np.linalg.norm(p_WF[:, None] - p_WC, axis=-1)
+    distance = scale / rho[:, None]
     forward = np.einsum("fvi,fvi->fv", h, rays) > 0.9 * scale
     in_front = (forward & (distance > config.min_depth) | ~views.seen).all(axis=1)
     nearest = np.where(views.seen, distance, np.inf).min(axis=1)
