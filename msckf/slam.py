@@ -40,10 +40,10 @@ def add_landmarks(
     p_WF = measurement.points.p_WF[rows] + (R_1_inverse @ parts.r_1[..., None])[..., 0]
     p_AF = (p_WF - state.clones.p_WB[k]) @ state.clones.R_WB[k]
     landmarks = Landmarks.at(keys, np.full(n, state.clones.t_ns[k]), state.rig.p_BC[cameras], p_AF)
-    R_A = state.linearisation_clones[0][k]
+    R_A, p_A = (x[k] for x in state.linearisation_clones)
     from_position = np.linalg.inv(R_A @ landmarks.by_y)  # dy = from_position (dp - by_anchor dx_A)
     by_seen = -R_1_inverse @ parts.H_1  # (n, 3, m), dp by what was seen
-    by_seen[..., -6:-3] += R_A @ so3.hat(p_AF)
+    by_seen[..., -6:-3] += R_A @ so3.hat((measurement.p_linear[rows] - p_A) @ R_A)  # where H_1 and R_1 were taken
     by_seen[..., -3:] -= np.eye(3)
     by_noise = from_position @ R_1_inverse * noise
     covariance = np.zeros((n, 3, n, 3))
