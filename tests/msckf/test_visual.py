@@ -1,5 +1,7 @@
 """Vision as a measurement: its Jacobians, what is left when features are projected out, and its statistics."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from jacobians import assert_jacobian
@@ -8,9 +10,10 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from msckf.config import VisionConfig
+from msckf.estimated import Estimated
 from msckf.views import Rig, Views
 from msckf.visual import (
-    by_extrinsics,
+    by_calibration,
     chi_square_quantile,
     compress,
     linearise,
@@ -20,57 +23,125 @@ from msckf.visual import (
 )
 from tests.msckf import scenes
 
-RIGS = {
-    "radtan": (scenes.mount(scenes.RADTAN),),
-    "equidistant": (scenes.mount(scenes.EQUIDISTANT),),
-    "both": (scenes.mount(scenes.RADTAN), scenes.mount(scenes.EQUIDISTANT)),
-}
+RIGS = {"radtan": scenes.ONE, "equidistant": Rig((scenes.mount(scenes.EQUIDISTANT),)), "stereo": scenes.STEREO}
+NOTHING = Estimated()
 
 
 @pytest.mark.parametrize("rig", RIGS)
 def test_jacobians_by_pose_and_feature(rig):
-    views, R_WB, p_WB, p_WF = scenes.views(F=4, K=5, mounts=RIGS[rig])
+    views, R_WB, p_WB, p_WF = scenes.views(F=4, K=5, rig=RIGS[rig])
     r, H_x, H_f, p_linear = linearise(views, R_WB, p_WB, R_WB, p_WB, p_WF)
+    C = len(views.rig)
+    assert r.shape == (4, 5 * C, 2)
     np.testing.assert_allclose(p_linear, p_WF, atol=1e-12)
     np.testing.assert_allclose(r, 0.0, atol=1e-9)
-    for f in range(4):
-        m = views.rig.mounts[views.cameras[f]]
-        for k in range(5):
+    seen = 0
+    for f, v in np.argwhere(views.seen).tolist():
+        k, m = v // C, views.rig.mounts[v % C]
+        seen += 1
 
-            def pixel(x, m=m):
-                R, p, p_WF = x
-                return m.camera.project(m.R_BC.T @ (R.T @ (p_WF - p) - m.p_BC))
+        def pixel(x, m=m):
+            R, p, p_WF = x
+            return m.camera.project(m.R_BC.T @ (R.T @ (p_WF - p) - m.p_BC))
 
-            def moved(x, d):
-                R, p, p_WF = x
-                return R @ Rotation.from_rotvec(d[:3]).as_matrix(), p + d[3:6], p_WF + d[6:9]
+        def moved(x, d):
+            R, p, p_WF = x
+            return R @ Rotation.from_rotvec(d[:3]).as_matrix(), p + d[3:6], p_WF + d[6:9]
 
-            J = np.hstack([H_x[f, k], H_f[f, k]])
-            assert_jacobian(pixel, (R_WB[k], p_WB[k], p_WF[f]), J, moved)
+        J = np.hstack([H_x[f, v], H_f[f, v]])
+        assert_jacobian(pixel, (R_WB[k], p_WB[k], p_WF[f]), J, moved)
+    assert seen == {1: 20, 2: 30}[C]
 
 
+def test_a_feature_seen_by_both_cameras_is_one_feature():
+    """Four rows for each pose, of one point; a feature of one camera has none in the other's place."""
+    views, R_WB, p_WB, p_WF = scenes.views(F=3, K=5, rig=scenes.STEREO, noise=1.0)
+    assert views.seen.sum(axis=1).tolist() == [10, 5, 5]
+    linear = linearise(views, R_WB, p_WB, R_WB, p_WB, p_WF)[:3]
+    parts = split(views, *linear)
+    for f, ranks in enumerate([(17, 3), (7, 3), (7, 3)]):
+        assert np.linalg.matrix_rank(parts.R_1[f]) == ranks[1]
+        basis = null_space(linear[2][f][views.seen[f]].reshape(-1, 3).T)
+        assert basis.shape[1] == ranks[0]
+    for c, f in ((0, 2), (1, 1)):  # what the camera does not see of the feature
+        assert not any(x[f, c::2].any() for x in linear)
+    m = measure(views, R_WB, p_WB, R_WB, p_WB, 1e-4 * np.eye(30), VisionConfig(), NOTHING)
+    assert m.dof.tolist() == [17.0, 7.0, 7.0]
+    # The second camera's rows alone, as a rig of its own, say what they say in stereo.
+    alone = Views(Rig(views.rig.mounts[1:]), views.uv[2:, 1::2], views.seen[2:, 1::2])
+    r, H_x, H_f, _ = linearise(alone, R_WB, p_WB, R_WB, p_WB, p_WF[2:])
+    np.testing.assert_allclose(linear[0][2, 1::2], r[0], atol=1e-12)
+    np.testing.assert_allclose(linear[1][2, 1::2], H_x[0], atol=1e-9)
+    np.testing.assert_allclose(linear[2][2, 1::2], H_f[0], atol=1e-9)
+
+
+def test_a_baseline_of_known_length_makes_the_scale_seen():
+    """Poses and feature shrunk together show one camera the same; two cameras see that they are not where they were."""
+
+    def along_scale(rig):
+        views, R_WB, p_WB, p_WF = scenes.views(F=3, K=5, rig=rig)
+        at_camera = p_WB + (R_WB @ rig.p_BC[0])  # the first camera's centre is what shrinks
+        parts = split(views, *linearise(views, R_WB, p_WB, R_WB, p_WB, p_WF)[:3])
+        d = np.zeros((5, 6))
+        d[:, 3:] = at_camera - at_camera[0]
+        return np.linalg.norm(parts.H[0] @ d.ravel())
+
+    assert along_scale(scenes.ONE) < 1e-8
+    assert along_scale(scenes.STEREO) > 5.0  # px
+
+
+CALIBRATIONS = {
+    "extrinsics": Estimated(extrinsics=True),
+    "intrinsics": Estimated(intrinsics=True),
+    "both": Estimated(time_offset=True, extrinsics=True, intrinsics=True),
+}
+
+
+@pytest.mark.parametrize("estimated", CALIBRATIONS)
 @pytest.mark.parametrize("rig", RIGS)
-def test_jacobians_by_where_the_cameras_sit(rig):
-    """Rotation local, on the right of R_BC; position in B; of the other cameras nothing."""
-    views, R_WB, p_WB, p_WF = scenes.views(F=4, K=5, mounts=RIGS[rig])
+def test_jacobians_by_the_calibration(rig, estimated):
+    """Rotation local, on the right of R_BC; position in B; then the lens; of the other cameras nothing."""
+    what, rig = CALIBRATIONS[estimated], RIGS[rig]
+    views, R_WB, p_WB, p_WF = scenes.views(F=3, K=5, rig=rig)
     *_, H_f, p_linear = linearise(views, R_WB, p_WB, R_WB, p_WB, p_WF)
-    H_e = by_extrinsics(views, H_f, R_WB, p_WB, p_linear)
-    assert H_e.shape == (4, 10, 6 * len(RIGS[rig]))
+    H = by_calibration(views, H_f, R_WB, p_WB, p_linear, what)
+    size = {"extrinsics": 6, "intrinsics": 8, "both": 14}[estimated]
+    assert what.camera_size == size
+    assert H.shape == (3, 10 * len(rig), size * len(rig))
 
     def pixels(rig):
-        moved = Views(rig, views.cameras, np.zeros_like(views.uv), views.seen)
-        return -linearise(moved, R_WB, p_WB, R_WB, p_WB, p_WF)[0].ravel()
+        unseen = Views(rig, np.zeros_like(views.uv), views.seen)
+        return -linearise(unseen, R_WB, p_WB, R_WB, p_WB, p_WF)[0].ravel()
 
-    def turned(rig, d):
-        d = d.reshape(-1, 6)
-        R_BC = rig.R_BC @ Rotation.from_rotvec(d[:, :3]).as_matrix()
-        return Rig(rig.mounts, (R_BC, rig.p_BC + d[:, 3:]))
+    def otherwise(rig, d):
+        d = d.reshape(len(rig), -1)
+        cameras = rig.cameras
+        if what.extrinsics:
+            R_BC = rig.R_BC @ Rotation.from_rotvec(d[:, :3]).as_matrix()
+            rig = replace(rig, poses=(R_BC, rig.p_BC + d[:, 3:6]))
+        if what.intrinsics:
+            rig = replace(rig, intrinsics=np.stack([c.intrinsics + x for c, x in zip(cameras, d[:, -8:], strict=True)]))
+        return rig
 
-    assert_jacobian(pixels, views.rig, H_e.reshape(40, -1), turned)
-    d = 1e-3 * np.arange(6.0 * len(RIGS[rig])).reshape(-1, 6)
-    by_hand = turned(views.rig, d)
-    np.testing.assert_allclose(views.rig.moved(d).R_BC, by_hand.R_BC, atol=1e-6)
-    np.testing.assert_allclose(views.rig.moved(d).p_BC, by_hand.p_BC, atol=1e-12)
+    assert_jacobian(pixels, rig, H.reshape(-1, size * len(rig)), otherwise)
+    if estimated == "both":
+        d = 1e-3 * np.arange(14.0 * len(rig)).reshape(-1, 14)
+        by_hand, moved = otherwise(rig, d), rig.sits_elsewhere(d[:, :6]).projects_otherwise(d[:, 6:])
+        np.testing.assert_allclose(moved.R_BC, by_hand.R_BC, atol=1e-6)
+        np.testing.assert_allclose(moved.p_BC, by_hand.p_BC, atol=1e-12)
+        for camera, expected in zip(moved.cameras, by_hand.cameras, strict=True):
+            np.testing.assert_allclose(camera.intrinsics, expected.intrinsics, atol=1e-12)
+
+
+def test_the_calibrations_columns_come_before_the_poses():
+    views, R_WB, p_WB, p_WF = scenes.views(F=3, K=5, rig=scenes.STEREO, noise=1.0)
+    r, H_x, H_f, p_linear = linearise(views, R_WB, p_WB, R_WB, p_WB, p_WF)
+    H_c = by_calibration(views, H_f, R_WB, p_WB, p_linear, Estimated(extrinsics=True))
+    without, parts = split(views, r, H_x, H_f), split(views, r, H_x, H_f, H_c)
+    np.testing.assert_allclose(parts.H[..., 12:], without.H, atol=1e-12)
+    Q = np.linalg.qr(H_f.reshape(3, 20, 3))[0]
+    np.testing.assert_allclose(parts.H[..., :12], H_c - Q @ (np.swapaxes(Q, 1, 2) @ H_c), atol=1e-9)
+    assert by_calibration(views, H_f, R_WB, p_WB, p_linear, Estimated(time_offset=True)).shape == (3, 20, 0)
 
 
 def test_residuals_are_taken_at_the_estimate_and_jacobians_where_told():
@@ -114,7 +185,7 @@ def explicit(views, r, H_x, H_f, f):
 
 def test_projection_keeps_what_a_left_null_space_basis_keeps():
     views, (r, H_x, H_f), P = linear_system()
-    parts = split(r, H_x, H_f)
+    parts = split(views, r, H_x, H_f)
     r_0, H_0 = parts.r, parts.H
     nis = normalised_innovations(r_0, H_0, P, pixel_noise=1.3)
     for f in range(len(r)):
@@ -127,8 +198,8 @@ def test_projection_keeps_what_a_left_null_space_basis_keeps():
 
 def test_the_two_parts_of_a_split_hold_everything():
     """[H, 0; H_1, R_1] has the normal equations of all rows [H_x, H_f], feature by feature."""
-    _, (r, H_x, H_f), _ = linear_system()
-    parts = split(r, H_x, H_f)
+    views, (r, H_x, H_f), _ = linear_system()
+    parts = split(views, r, H_x, H_f)
     F, K = r.shape[:2]
     for f in range(F):
         whole = np.zeros((2 * K, 6 * K + 3))
@@ -172,7 +243,7 @@ def test_innovations_are_chi_square_with_the_stated_degrees():
         views, R_WB, p_WB, _ = scenes.views(F=20, K=K, seed=seed, noise=1.0, share_seen=0.7)
         d = (sigma * np.random.default_rng(seed).standard_normal(6 * K)).reshape(K, 6)
         R_hat, p_hat = R_WB @ Rotation.from_rotvec(d[:, :3]).as_matrix(), p_WB + d[:, 3:]
-        m = measure(views, R_hat, p_hat, R_hat, p_hat, np.diag(sigma**2), config)
+        m = measure(views, R_hat, p_hat, R_hat, p_hat, np.diag(sigma**2), config, NOTHING)
         assert m.used.sum() >= 19  # nothing is refused for its innovation
         total, dof = total + m.nis.sum(), dof + m.dof.sum()
         shares.append((m.nis > chi2.ppf(0.95, m.dof)).mean())
@@ -184,13 +255,13 @@ def test_a_feature_that_moved_by_itself_is_refused():
     views, R_WB, p_WB, _ = scenes.views(noise=0.5)
     uv = views.uv.copy()
     uv[3, 4:] += [12.0, -9.0]
-    cheated = Views(views.rig, views.cameras, uv, views.seen)
-    m = measure(cheated, R_WB, p_WB, R_WB, p_WB, 1e-6 * np.eye(48), VisionConfig())
+    cheated = Views(views.rig, uv, views.seen)
+    m = measure(cheated, R_WB, p_WB, R_WB, p_WB, 1e-6 * np.eye(48), VisionConfig(), NOTHING)
     assert m.rejected.tolist() == [f == 3 for f in range(12)]
     assert m.used.tolist() == [f != 3 for f in range(12)]
     assert len(m.points.p_WF) == len(m.p_linear) == len(m.parts.r) == 11
     assert len(m.nis) == len(m.dof) == 12
-    clean = measure(cheated.rows(~m.rejected), R_WB, p_WB, R_WB, p_WB, 1e-6 * np.eye(48), VisionConfig())
+    clean = measure(cheated.rows(~m.rejected), R_WB, p_WB, R_WB, p_WB, 1e-6 * np.eye(48), VisionConfig(), NOTHING)
     np.testing.assert_allclose(m.H.T @ m.H, clean.H.T @ clean.H, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(m.H.T @ m.r, clean.H.T @ clean.r, rtol=1e-6, atol=1e-6)
 
@@ -198,6 +269,6 @@ def test_a_feature_that_moved_by_itself_is_refused():
 def test_nothing_seen_nothing_said():
     views, R_WB, p_WB, _ = scenes.views()
     none = views.rows(np.zeros(12, dtype=bool))
-    assert measure(none, R_WB, p_WB, R_WB, p_WB, np.eye(48), VisionConfig()) is None
-    behind = Views(Rig(views.rig.mounts), views.cameras, views.uv[:, ::-1], views.seen)  # parallax the wrong way
-    assert measure(behind, R_WB, p_WB, R_WB, p_WB, np.eye(48), VisionConfig()) is None
+    assert measure(none, R_WB, p_WB, R_WB, p_WB, np.eye(48), VisionConfig(), NOTHING) is None
+    behind = Views(views.rig, views.uv[:, ::-1], views.seen)  # parallax the wrong way
+    assert measure(behind, R_WB, p_WB, R_WB, p_WB, np.eye(48), VisionConfig(), NOTHING) is None
