@@ -43,7 +43,18 @@ class FilterState:
         self.landmarks = Landmarks.none()
         self._fej = fej
         self._P = start.covariance.copy()
+        self._lay_out()
         self._keep_first_estimates()
+
+    def _lay_out(self) -> None:
+        """Where things are in the error state; a slice is empty when nothing of it is estimated."""
+        cameras = IMU_SIZE + self.estimated.time_offset
+        prior_error = cameras + self.estimated.camera_size * len(self.rig)
+        self.clone_start = prior_error + (0 if self.c is None else 6)
+        self.time_offset = slice(IMU_SIZE, cameras)  # `dt_cam_imu`
+        self.cameras = slice(cameras, prior_error)  # camera by camera
+        self.calibration = slice(IMU_SIZE, prior_error)  # both
+        self.prior_error = slice(prior_error, self.clone_start)  # `c`
 
     # -- reading ----------------------------------------------------------------------------------------------
 
@@ -58,32 +69,6 @@ class FilterState:
     def size(self) -> int:
         """Number of error states."""
         return len(self._P)
-
-    @property
-    def time_offset(self) -> slice:
-        """Where `dt_cam_imu` is; empty when it is not estimated."""
-        return slice(IMU_SIZE, IMU_SIZE + self.estimated.time_offset)
-
-    @property
-    def cameras(self) -> slice:
-        """Where all that is estimated of the cameras is, camera by camera."""
-        first = self.time_offset.stop
-        return slice(first, first + self.estimated.camera_size * len(self.rig))
-
-    @property
-    def calibration(self) -> slice:
-        """Time offset and cameras."""
-        return slice(IMU_SIZE, self.cameras.stop)
-
-    @property
-    def prior_error(self) -> slice:
-        """Where `c` is; empty when it is not estimated."""
-        return slice(self.cameras.stop, self.cameras.stop + (0 if self.c is None else 6))
-
-    @property
-    def clone_start(self) -> int:
-        """Index of the first clone's first error state."""
-        return int(self.prior_error.stop)
 
     @property
     def seen_columns(self) -> Stamps:
@@ -216,6 +201,7 @@ class FilterState:
         """Begin to estimate parts of the calibration, known so far to `sigmas` in their order; before any clone."""
         self._P = _bordered(self._P, np.zeros((len(sigmas), self.size)), np.diag(sigmas**2), IMU_SIZE)
         self.estimated = estimated
+        self._lay_out()
 
     def add_prior_error(self, mean: Floats, gain: Floats, conditional: Floats) -> None:
         """Begin to estimate the prior's error `c`, given how it hangs together with the biases.
@@ -230,6 +216,7 @@ class FilterState:
         corner = conditional + gain @ self._P[BIASES, BIASES] @ gain.T
         self._P = _bordered(self._P, cross, corner, self.prior_error.start)
         self.c = mean.copy()
+        self._lay_out()
 
     def widen_biases(self, covariance: Floats) -> None:
         """Add (6, 6) to the covariance of the biases: what was known of them is doubted."""
