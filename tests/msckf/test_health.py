@@ -9,7 +9,7 @@ from msckf.health import HealthMonitor
 from msckf.state import FilterState
 from msckf.visual import VisualOutcome
 from navcore.odometry import Health
-from tests.msckf.scenes import start_state
+from tests.msckf.scenes import ONE, filter_state, start_state
 
 CONFIG = HealthConfig()
 S = 1_000_000_000
@@ -26,14 +26,14 @@ def monitor():
 
 
 def test_vision_that_corrects_is_tracking():
-    verdict = monitor().judge(FilterState(start_state()), S, seen(50), VisualOutcome(used=10), still=False)
+    verdict = monitor().judge(filter_state(), S, seen(50), VisualOutcome(used=10), still=False)
     assert (verdict.health, verdict.reasons) == (Health.TRACKING, ())
-    still = monitor().judge(FilterState(start_state()), S, seen(50), VisualOutcome(), still=True)
+    still = monitor().judge(filter_state(), S, seen(50), VisualOutcome(), still=True)
     assert (still.health, still.reasons) == (Health.TRACKING, ("standing still",))
 
 
 def test_without_correction_it_is_inertial_only_after_a_while():
-    judge, state = monitor().judge, FilterState(start_state())
+    judge, state = monitor().judge, filter_state()
     soon = judge(state, round(0.5 * S), seen(50), VisualOutcome(), still=False)
     assert soon.health is Health.TRACKING
     late = judge(state, round(0.7 * S), seen(50), VisualOutcome(), still=False)
@@ -43,7 +43,7 @@ def test_without_correction_it_is_inertial_only_after_a_while():
 
 
 def test_what_is_wrong_with_vision_is_told():
-    judge, state = monitor().judge, FilterState(start_state())
+    judge, state = monitor().judge, filter_state()
     few = judge(state, 0, seen(3, "image dark, camera 0"), VisualOutcome(), still=False)
     assert (few.health, few.reasons) == (Health.INERTIAL_ONLY, ("image dark, camera 0", "3 features followed"))
     refused = judge(state, 0, seen(50), VisualOutcome(used=5, rejected=11), still=False)
@@ -68,7 +68,7 @@ def test_a_state_that_is_not_to_be_trusted_is_lost(change, reason):
             """The error state `k` is known to `sigma` only."""
             self._P[k, k] = sigma**2
 
-    state = Told(start_state())
+    state = Told(start_state(), ONE)
     change(state)
     verdict = monitor().judge(state, S, seen(50, "image dark, camera 0"), VisualOutcome(), still=False)
     assert (verdict.health, verdict.reasons) == (Health.LOST, (reason, "image dark, camera 0"))
@@ -76,7 +76,7 @@ def test_a_state_that_is_not_to_be_trusted_is_lost(change, reason):
 
 def test_a_long_way_makes_no_loss():
     """Position drifts without bounds; only what was added since vision last corrected counts."""
-    state = FilterState(start_state())
+    state = filter_state()
     state._P[3, 3] = 80.0**2
     watch = monitor()
     assert watch.judge(state, S, seen(50), VisualOutcome(used=5), still=False).health is Health.TRACKING
@@ -90,4 +90,4 @@ def test_a_long_way_makes_no_loss():
 def test_a_gap_that_is_too_long_is_a_loss(gap, health):
     watch = monitor()
     watch.note_gap(gap)
-    assert watch.judge(FilterState(start_state()), 0, seen(50), VisualOutcome(used=5), still=False).health is health
+    assert watch.judge(filter_state(), 0, seen(50), VisualOutcome(used=5), still=False).health is health

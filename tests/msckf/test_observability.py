@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import msckf.state
+import msckf.visual
 from msckf.blocks import IMU_SIZE, POSITION, THETA, VELOCITY
 from msckf.config import FilterConfig
 from msckf.filter import Filter
@@ -15,7 +16,18 @@ from navcore.odometry import run
 from sim.points import simulate_points
 
 E_Z = np.array([0.0, 0.0, 1.0])
-POSE_ONLY = {"vision.landmarks": 0, "vision.extrinsics": False, "standstill.enabled": False, "start.mode": "moving"}
+POSE_ONLY = {
+    "vision.landmarks": 0,
+    "calibration.extrinsics": False,
+    "standstill.enabled": False,
+    "start.mode": "moving",
+}
+EVERYTHING = {
+    "vision.landmarks": 40,
+    "calibration.extrinsics": True,
+    "calibration.time_offset": True,
+    "calibration.intrinsics": True,
+}
 
 
 def directions(R_WB, p_WB, v_WB=None):
@@ -31,13 +43,21 @@ def directions(R_WB, p_WB, v_WB=None):
 
 
 def state_directions(state: FilterState):
-    """The same of everything in the state, at the points where the filter linearises: (size, 4)."""
-    R_lin, p_lin = state.linearisation_clones
-    clones = [directions(R, p) for R, p in zip(R_lin, p_lin, strict=True)]
-    landmarks = [np.column_stack([np.eye(3), so3.hat(E_Z) @ p]) for p in state.linearisation_landmarks]
-    imu = np.zeros((state.clone_start, 4))
-    imu[:9] = directions(*state._first)
-    return np.vstack([imu, *clones, *landmarks])
+    """The same of everything in the state, at the points where the filter linearises: (size, 4).
+
+    A landmark has no part: its anchor moves with the world, and it is described from there.
+    """
+    N = np.zeros((state.size, 4))
+    N[:9] = directions(*state._first)
+    for k, pose in enumerate(zip(*state.linearisation_clones, strict=True)):
+        N[state.clone(k)] = directions(*pose)
+    return N
+
+
+def about_the_body(N, state: FilterState):
+    """The turn about the body instead of about the world's origin: lengths of order one."""
+    N[:, 3] -= N[:, :3] @ (so3.hat(E_Z) @ state.p_WB)
+    return N
 
 
 @dataclass
@@ -52,8 +72,9 @@ class Recorder:
 
 @pytest.fixture
 def recorder(monkeypatch):
-    """Listens to the filter without changing what it does."""
+    """Listens to the filter; all rows of the measurements are kept, since compression rounds to half the digits."""
     heard = Recorder()
+    monkeypatch.setattr(msckf.visual, "compress", lambda r, H: (r, H))
     real_transition, real_clone, real_update = msckf.state.transition, FilterState.add_clone, FilterState.update
 
     def transition(increment, start, end):
@@ -61,9 +82,9 @@ def recorder(monkeypatch):
         heard.starts.append(start)
         return heard.Phi[-1]
 
-    def add_clone(self, t_ns):
+    def add_clone(self, t_ns, omega_B):
         heard.made_at[t_ns] = len(heard.Phi)
-        real_clone(self, t_ns)
+        real_clone(self, t_ns, omega_B)
 
     def update(self, H, columns, r, R):
         heard.measurements.append((H.copy(), columns.copy(), self.clones.t_ns.copy(), self.clone_start))
@@ -92,9 +113,9 @@ def observability(heard: Recorder, since: int):
     return np.vstack(rows)
 
 
-def fly(fej, seconds=6.0, **settings):
-    sequence = simulate_points(seed=5, seconds=seconds, moving_start=True)
-    overrides = POSE_ONLY | {"vision.fej": fej} | settings
+def fly(fej, seconds=6.0, cameras=1, **settings):
+    sequence = simulate_points(seed=5, seconds=seconds, moving_start=True, cameras=cameras)
+    overrides = POSE_ONLY | {"vision.fej": fej, "cameras": cameras} | settings
     run(Filter(sequence.calibration, FilterConfig().with_overrides(overrides)), sequence)
 
 
@@ -140,18 +161,61 @@ def test_every_transition_carries_the_directions_on(monkeypatch):
     assert max(worst) < 1e-9
 
 
-def test_landmarks_and_extrinsics_say_nothing_of_the_directions_either(monkeypatch):
-    """Every measurement of a flight with both in the state, at the points where it was linearised."""
-    real, shares, kinds = FilterState.update, [], set()
+@pytest.fixture
+def leaks(monkeypatch):
+    """How much of the four directions every measurement of a flight has, and every state that joins or changes.
+
+    As a share of the largest entry; by what happened.
+    """
+    monkeypatch.setattr(msckf.visual, "compress", lambda r, H: (r, H))
+    heard = {"window": [], "landmarks": [], "new": [], "moved": [], "clone": []}
+    real = {name: getattr(FilterState, name) for name in ("update", "seen_through", "add_landmarks", "add_clone")}
 
     def update(self, H, columns, r, R):
-        N = state_directions(self)[columns]
-        N[:, 3] -= N[:, :3] @ (so3.hat(E_Z) @ self.p_WB)  # turn about the body
-        shares.append(np.abs(H @ N).max() / np.abs(H).max())
-        kinds.add(bool(columns.max() >= self.clone_stop))
+        N = about_the_body(state_directions(self), self)
+        heard["window"].append(np.abs(H @ N[columns]).max() / np.abs(H).max())
+        real["update"](self, H, columns, r, R)
+
+    def seen_through(self, H, columns):
+        N = about_the_body(state_directions(self), self)
+        heard["moved" if H.shape[1] == 3 else "landmarks"].append(np.abs(H @ N[columns]).max() / np.abs(H).max())
+        return real["seen_through"](self, H, columns)
+
+    def add_landmarks(self, landmarks, by_seen, covariance):
+        N = about_the_body(state_directions(self), self)
+        heard["new"].append(np.abs(by_seen @ N[self.seen_columns]).max() / np.abs(by_seen).max())
+        real["add_landmarks"](self, landmarks, by_seen, covariance)
+
+    def add_clone(self, t_ns, omega_B):
+        real["add_clone"](self, t_ns, omega_B)
+        new = state_directions(self)[self.clone(len(self.clones) - 1)]
+        heard["clone"].append(np.abs(new - directions(*self._first[:2])).max())
+
+    for function in (update, seen_through, add_landmarks, add_clone):
+        monkeypatch.setattr(FilterState, function.__name__, function)
+    return heard
+
+
+@pytest.mark.parametrize("cameras", [1, 2])
+def test_landmarks_and_calibration_say_nothing_of_the_directions_either(leaks, cameras):
+    """Everything that happens in a flight with all of them in the state, at the points where it was linearised."""
+    fly(fej=True, cameras=cameras, **EVERYTHING)
+    assert min(len(shares) for shares in leaks.values()) > 10
+    assert {what for what, shares in leaks.items() if max(shares) > 1e-9} == set()
+
+
+def test_compression_tells_no_position_that_would_matter(monkeypatch):
+    """Its rounding is information along the four directions; after ten minutes of it they would be known to this."""
+    real, information = FilterState.update, np.zeros((4, 4))
+
+    def update(self, H, columns, r, R):
+        along = H @ about_the_body(state_directions(self), self)[columns]
+        information[:] += along.T @ along / R[0, 0]
         real(self, H, columns, r, R)
 
     monkeypatch.setattr(FilterState, "update", update)
-    fly(fej=True, **{"vision.landmarks": 40, "vision.extrinsics": True})
-    assert kinds == {False, True}
-    assert max(shares) < 1e-9
+    seconds = 6.0
+    fly(fej=True, seconds=seconds, **EVERYTHING)
+    sigma = 1.0 / np.sqrt(np.diagonal(information) * 600.0 / seconds)
+    assert sigma[:3].min() > 10.0  # m
+    assert sigma[3] > 3.0  # rad

@@ -10,7 +10,7 @@ from msckf.state import FilterState
 from navcore.imu import ImuNoise, ImuSamples
 from navcore.prior import BiasPrior
 from navcore.priors.listed import ListedPrior
-from tests.msckf.scenes import start_state
+from tests.msckf.scenes import ONE, filter_state, start_state
 
 NOISE = ImuNoise(1.7e-4, 2e-5, 2.0e-3, 3.0e-3, 200.0)
 STILL = ImuNoise(1.7e-4, 0.0, 2.0e-3, 0.0, 200.0)  # biases that do not walk
@@ -57,7 +57,7 @@ def started(prior, t_s, state=None):
         P[BIASES, BIASES] = bias.device.covariance
         snapshot.b_g[:], snapshot.b_a[:] = bias.device.b_g, bias.device.b_a
         object.__setattr__(snapshot, "covariance", P)
-        state = FilterState(snapshot)
+        state = FilterState(snapshot, ONE)
     prior.begin(state, bias)
     return state, bias
 
@@ -118,7 +118,7 @@ def test_a_start_that_learned_more_of_the_bias_learned_of_the_error_too():
     P[BIASES, BIASES] = bias.device.covariance
     object.__setattr__(snapshot, "covariance", P)
     snapshot.b_g[:], snapshot.b_a[:] = bias.device.b_g, bias.device.b_a
-    late, early = FilterState(snapshot), FilterState(snapshot)
+    late, early = FilterState(snapshot, ONE), FilterState(snapshot, ONE)
     r, R = np.full(6, 0.01), bias.device.covariance
     late.update(np.eye(6), np.r_[BIASES], r, R)  # first the vision, then `c`
     prior.begin(late, bias)
@@ -152,7 +152,7 @@ def test_without_a_constant_error_there_is_nothing_to_estimate():
 
 
 def plain_state():
-    state = FilterState(start_state())
+    state = filter_state()
     return state, np.array(state.covariance), state.biases
 
 
@@ -181,7 +181,7 @@ def test_modelled_takes_one_measurement_per_window():
         prior.update(state, k * S)
     assert prior.applied == 3  # stamped 2.5, 7.5 and 12.5
     thick = told(zs, mode="plain")
-    thick.update(FilterState(start_state()), 30 * S)
+    thick.update(filter_state(), 30 * S)
     assert thick.applied == 12
 
 

@@ -11,7 +11,7 @@ from msckf.propagation import G_W, integrate
 from msckf.standstill import image_motion, imu_is_quiet, standstill_update
 from msckf.state import FilterState
 from navcore.imu import ImuNoise, ImuSamples
-from tests.msckf.scenes import start_state
+from tests.msckf.scenes import filter_state
 
 CONFIG = StandstillConfig()
 NOISE = ImuNoise(1.7e-4, 1.9e-5, 2.0e-3, 3.0e-3, 200.0)
@@ -19,8 +19,8 @@ NOISE = ImuNoise(1.7e-4, 1.9e-5, 2.0e-3, 3.0e-3, 200.0)
 
 def standing():
     """A state that has not moved since its newest clone, but believes so after some time of noise."""
-    state = FilterState(start_state(sigmas=np.repeat([0.02, 0.05, 0.1, 0.1, 0.1], 3)))
-    state.add_clone(0)
+    state = filter_state(sigmas=np.repeat([0.02, 0.05, 0.1, 0.1, 0.1], 3))
+    state.add_clone(0, np.zeros(3))
     rest = Cells(np.full(20, 0.005), np.full((20, 3), 0.1), np.tile(-state.R_WB.T @ G_W, (20, 1)), np.zeros(20))
     state.propagate(integrate(rest, state.b_g, state.b_a, NOISE))
     return state

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from msckf.config import FilterConfig, StartConfig, VisionConfig
 from msckf.features import FeatureTable
 from msckf.filter import Filter
+from msckf.frontend import Frontend
 from msckf.imu_buffer import ImuBuffer
 from msckf.moving_start import closed_form, moving_start, rotation_bias
 from msckf.propagation import G_W
@@ -22,6 +23,7 @@ from msckf.views import Rig, Views
 from navcore.imu import GRAVITY, ImuNoise, ImuSamples
 from navcore.odometry import Health, run
 from navcore.prior import BiasPrior
+from navcore.tracker import TrackerConfig
 from sim.points import simulate_points
 
 WIDE = BiasPrior(0, np.zeros(3), np.zeros(3), np.diag(np.repeat([0.1**2, 0.2**2], 3)))
@@ -81,15 +83,14 @@ def test_a_static_start_fixes_the_gauge_and_takes_the_gyros_mean():
 def window_of(sequence, seconds=1.5, every=2, device=WIDE):
     """The window that a start in motion would see at the beginning of a recording, and its stamps."""
     frames = [f for f in sequence.frames if f.t_ns <= sequence.frames[0].t_ns + round(seconds * 1e9)][::every]
-    table, buffer = FeatureTable(), ImuBuffer(sequence.calibration.imu.rate_hz)
+    rig = Rig(sequence.calibration.cameras)
+    table, buffer = FeatureTable(len(rig)), ImuBuffer(sequence.calibration.imu.rate_hz)
+    front = Frontend(rig, TrackerConfig())
     buffer.append(sequence.imu)
     for frame in frames:
-        tracks = frame.tracks[0]
-        bearings = sequence.calibration.cameras[0].camera.unproject(tracks.uv)
-        table.add_column(tracks.ids, np.zeros(len(tracks), dtype=np.int64), tracks.uv, bearings)
+        table.add_clone(front.observe(frame, None, {}))
     long = table.views >= 4
-    rig = Rig(sequence.calibration.cameras[:1])
-    views = Views(rig, table.cameras[long], table.uv[long], table.seen[long])
+    views = table.views_of(rig, long)
     t_ns = [f.t_ns for f in frames]
     cells = [buffer.cells(a, b) for a, b in pairwise(t_ns)]
     return Window(cells, views, sequence.calibration.imu, device), t_ns
@@ -185,7 +186,7 @@ def test_reasons_instead_of_a_wrong_start(moving):
     shuffled = np.random.default_rng(0).permutation(len(window.views.uv))
     uv = np.where(np.arange(window.views.uv.shape[1])[:, None] % 2 == 0, window.views.uv, window.views.uv[shuffled])
     seen = window.views.seen & window.views.seen[shuffled]
-    nonsense = Window(window.cells, Views(window.views.rig, window.views.cameras, uv, seen), window.noise, WIDE)
+    nonsense = Window(window.cells, Views(window.views.rig, uv, seen), window.noise, WIDE)
     result = moving_start(nonsense, StartConfig(), VisionConfig())
     assert result.state is None
     assert result.reason

@@ -76,6 +76,39 @@ def test_jacobian_on_and_near_the_axis(camera, off_axis):
     assert_jacobian(camera.project, p_CF, camera.project_jacobian(p_CF)[1], rtol=1e-6, atol=1e-6)
 
 
+@CAMERAS
+@given(right=UNIT, down=UNIT, distance=st.floats(0.5, 20.0))
+def test_jacobian_by_the_intrinsics(camera, right, down, distance):
+    p_CF = point(camera, right, down, distance)
+
+    def pixel(x):
+        return camera.with_intrinsics(x).project(p_CF)
+
+    np.testing.assert_array_equal(pixel(camera.intrinsics), camera.project(p_CF))
+    # Pixels are linear in focal lengths, centre and coefficients, but for the product of the first and the last.
+    assert_jacobian(pixel, camera.intrinsics, camera.by_intrinsics(p_CF), rtol=1e-6, atol=1e-6)
+
+
+@CAMERAS
+@pytest.mark.parametrize("off_axis", [0.0, 1e-13, 1e-8, 1e-4])
+def test_jacobian_by_the_intrinsics_on_and_near_the_axis(camera, off_axis):
+    p_CF = 2.0 * np.array([off_axis, -off_axis, 1.0])
+    J = camera.by_intrinsics(p_CF)
+    assert_jacobian(lambda x: camera.with_intrinsics(x).project(p_CF), camera.intrinsics, J, rtol=1e-6, atol=1e-6)
+
+
+@CAMERAS
+def test_other_intrinsics_change_nothing_else(camera):
+    x = np.array([400.0, 401.0, 300.0, 200.0, 0.1, -0.2, 0.01, 0.02])
+    other = camera.with_intrinsics(x)
+    assert type(other) is type(camera)
+    assert (other.width, other.height) == (camera.width, camera.height)
+    np.testing.assert_array_equal(other.intrinsics, x)
+    assert (other.fx, other.fy, other.cx, other.cy, other.distortion) == (400.0, 401.0, 300.0, 200.0, (0.1, -0.2, 0.01, 0.02))
+    with pytest.raises(DataError):
+        camera.with_intrinsics(-x)
+
+
 @pytest.mark.parametrize("theta", [np.pi / 2 - 1e-9, np.pi / 2, 1.8, 2.2])
 @pytest.mark.parametrize("azimuth", [0.0, 0.7, -2.5])
 def test_fisheye_sees_beyond_a_right_angle(theta, azimuth):
@@ -124,8 +157,10 @@ def test_batches_are_the_single_results(camera):
     for k in np.ndindex(3, 4):
         np.testing.assert_allclose(uv[k], camera.project(points[k]), rtol=0.0, atol=1e-12)
         np.testing.assert_allclose(camera.unproject(uv)[k], camera.unproject(uv[k]), rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(camera.by_intrinsics(points)[k], camera.by_intrinsics(points[k]), rtol=0.0, atol=1e-12)
     assert camera.unproject(np.zeros((0, 2))).shape == (0, 3)
     assert camera.project(np.zeros((0, 3))).shape == (0, 2)
+    assert camera.by_intrinsics(np.zeros((0, 3))).shape == (0, 2, 8)
 
 
 @pytest.mark.parametrize("change", [{"width": 0}, {"fx": -1.0}, {"distortion": (0.0, 0.0)}])
