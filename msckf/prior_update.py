@@ -173,7 +173,7 @@ class PriorUpdate:
 def retrodiction(P: Floats, W: Floats) -> tuple[Floats, Floats]:
     """How the biases of a while ago depend on those of now, whose error has the walk since then in it.
 
-    For a measurement out of sequence (docs/filter.md, equation 53). Of error and walk along a direction, the smaller
+    For a measurement out of sequence (docs/filter.md, equation 62). Of error and walk along a direction, the smaller
     one is taken to be a part of the other.
 
     Args:
