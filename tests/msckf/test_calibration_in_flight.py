@@ -1,7 +1,7 @@
 """A calibration that is wrong at the start becomes right in flight, and the filter knows how right it is.
 
-Quadrotors with EuRoC-like noise, in points mode; what they know of their calibration is off by draws of what the filter takes
-it to be known to. Run with -s to see the tables.
+Quadrotors with EuRoC-like noise, in points mode; their calibration is off by draws of what the filter takes it to be known
+to. Run with -s to see the figures.
 """
 
 from dataclasses import replace
@@ -49,7 +49,7 @@ def miscalibrated(sequence: Sequence, config: FilterConfig, seed: int) -> tuple[
 
 
 def learned(what: str, seed: int, seconds: float, cameras: int = 1):
-    """Of one flight: errors of the calibration (n,) at its end, their covariance, what they were known to at the start."""
+    """Of one flight: errors of the calibration (n,) at its end, their covariance, and their sigmas at the start."""
     overrides = SIGMAS | SWITCHES[what] | {"cameras": cameras}
     config = FilterConfig().with_overrides(overrides)
     exact = simulate_points(seed=seed, seconds=seconds, cameras=cameras)
@@ -82,11 +82,11 @@ def test_a_wrong_calibration_becomes_right_within_what_the_filter_claims(what, c
 @pytest.mark.slow
 @pytest.mark.parametrize(("what", "cameras"), [("time", 1), ("poses", 1), ("lens", 1), ("all", 1), ("poses", 2)])
 def test_the_calibration_is_as_well_known_as_the_filter_claims(what, cameras):
-    """NEES over flights. Landmarks, once linearised, make it up to 1.5 times as sure as it should be (docs, section 9)."""
+    """NEES over flights. With landmarks it is up to 1.5 times as sure as it should be (docs/filter.md, section 9)."""
     seeds = range(1, 31)
     flights = [learned(what, seed, 15.0, cameras) for seed in seeds]
     n = len(flights[0][0])
     mean = np.mean([e @ np.linalg.solve(P, e) / n for e, P, _ in flights])
     low, high = chi2.ppf([0.001, 0.999], n * len(seeds)) / (n * len(seeds))
-    print(f"\n{what}, {cameras} camera(s): NEES {mean:.2f} per degree of freedom; {low:.2f} .. {high:.2f} if all were linear")
+    print(f"\n{what}, {cameras} camera(s): NEES {mean:.2f} per degree of freedom, linear {low:.2f} .. {high:.2f}")
     assert low < mean < 1.5 * high

@@ -125,7 +125,9 @@ def stereo():
         keys, cameras = [1, 1, 2], [0, 1, 0]
         if k == 2:
             keys, cameras = [*keys, 3], [*cameras, 1]
-        table.add_clone(seen(keys, cameras, [[100.0 * c + 10.0 * k, key] for key, c in zip(keys, cameras, strict=True)]))
+        table.add_clone(
+            seen(keys, cameras, [[100.0 * c + 10.0 * k, key] for key, c in zip(keys, cameras, strict=True)])
+        )
     return table
 
 

@@ -108,7 +108,7 @@ def test_a_landmark_by_its_three_numbers():
 @RIG
 @pytest.mark.parametrize("fej", [True, False])
 def test_delayed_initialisation_is_least_squares_over_clones_and_landmarks(rig, what, fej):
-    """One set of normal equations in which nothing is known of the points but their views; then y by point and anchor."""
+    """One set of normal equations that know nothing of the points but their views; then y by point and anchor."""
     state, views, _ = window(what=what, rig=rig, fej=fej)
     m = measured(state, views)
     rows = np.isin(np.arange(int(m.used.sum())), [0, 2, 3])
@@ -161,7 +161,8 @@ def test_landmarks_are_where_their_covariance_says(rig):
     for seed in range(60):
         state, _, p_WF = with_landmarks(seed=seed, sigma=(1e-5, 1e-5), rig=rig)
         e = np.linalg.solve(
-            state.landmarks.by_y, ((p_WF[state.landmarks.keys] - in_world(state.landmarks, now(state))) @ state.clones.R_WB[-1])[..., None]
+            state.landmarks.by_y,
+            ((p_WF[state.landmarks.keys] - in_world(state.landmarks, now(state))) @ state.clones.R_WB[-1])[..., None],
         )[..., 0]
         for k in range(len(e)):
             at = state.landmark_columns(np.array([k]))
@@ -233,7 +234,7 @@ def test_the_jacobian_of_a_view(fej, newest, rig, what):
     N = len(which)
     assert r.shape == (N, 2)
     assert (depth > 0.0).all()
-    assert N == {1: 4, 2: 6}[len(rig)]
+    assert {1: 4, 2: 6}[len(rig)] == N
     dense = np.zeros((N, 2, state.size))
     for n in range(N):
         np.add.at(dense[n].T, columns[n], H[n].T)
@@ -303,7 +304,8 @@ def test_moving_to_another_anchor_changes_no_estimate(rig, fej):
     for i in (0, 2):
         own, leaves = state.landmark_columns(np.array([i])), np.arange(4) == i
 
-        def point(x, one=old.rows(leaves)):
+        def point(x, leaves=leaves):
+            one = old.rows(leaves)
             R_0, p_0, R_1, p_1, y = x
             p_AF = Landmarks(one.keys, one.anchors, one.origins, one.frames, y[None]).p_AF[0]
             return R_1.T @ (R_0 @ p_AF + p_0 - p_1)

@@ -104,7 +104,13 @@ def test_other_intrinsics_change_nothing_else(camera):
     assert type(other) is type(camera)
     assert (other.width, other.height) == (camera.width, camera.height)
     np.testing.assert_array_equal(other.intrinsics, x)
-    assert (other.fx, other.fy, other.cx, other.cy, other.distortion) == (400.0, 401.0, 300.0, 200.0, (0.1, -0.2, 0.01, 0.02))
+    assert (other.fx, other.fy, other.cx, other.cy, other.distortion) == (
+        400.0,
+        401.0,
+        300.0,
+        200.0,
+        (0.1, -0.2, 0.01, 0.02),
+    )
     with pytest.raises(DataError):
         camera.with_intrinsics(-x)
 
@@ -157,7 +163,9 @@ def test_batches_are_the_single_results(camera):
     for k in np.ndindex(3, 4):
         np.testing.assert_allclose(uv[k], camera.project(points[k]), rtol=0.0, atol=1e-12)
         np.testing.assert_allclose(camera.unproject(uv)[k], camera.unproject(uv[k]), rtol=0.0, atol=1e-12)
-        np.testing.assert_allclose(camera.by_intrinsics(points)[k], camera.by_intrinsics(points[k]), rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(
+            camera.by_intrinsics(points)[k], camera.by_intrinsics(points[k]), rtol=0.0, atol=1e-12
+        )
     assert camera.unproject(np.zeros((0, 2))).shape == (0, 3)
     assert camera.project(np.zeros((0, 3))).shape == (0, 2)
     assert camera.by_intrinsics(np.zeros((0, 3))).shape == (0, 2, 8)
