@@ -1,7 +1,7 @@
 """A calibration that is wrong at the start becomes right in flight, and the filter knows how right it is.
 
-Quadrotors with EuRoC-like noise, in points mode; their calibration is off by draws of what the filter takes it to be known
-to. Run with -s to see the figures.
+Quadrotors with EuRoC-like noise, in points mode; their calibration is off by draws of what the filter takes it to be.
+Run with -s to see the figures.
 """
 
 from dataclasses import replace
@@ -17,6 +17,7 @@ from navcore import so3
 from navcore.odometry import Health, run
 from navcore.sequence import Sequence
 from sim.points import simulate_points
+from tests.msckf.flights import share_features
 
 SIGMAS = {"calibration.focal_sigma": 2.5, "calibration.centre_sigma": 2.5, "calibration.distortion_sigma": 0.005}
 SWITCHES = {
@@ -70,7 +71,8 @@ def learned(what: str, seed: int, seconds: float, cameras: int = 1):
 
 
 @pytest.mark.parametrize(("what", "cameras"), [("time", 1), ("poses", 1), ("lens", 1), ("all", 1), ("poses", 2)])
-def test_a_wrong_calibration_becomes_right_within_what_the_filter_claims(what, cameras):
+def test_a_wrong_calibration_becomes_right_within_what_the_filter_claims(what, cameras, monkeypatch):
+    share_features(monkeypatch)
     e, P, sigma_before = learned(what, 1, 15.0, cameras)
     sigma = np.sqrt(np.diagonal(P))
     assert np.abs(e / sigma).max() < 3.5
@@ -81,8 +83,9 @@ def test_a_wrong_calibration_becomes_right_within_what_the_filter_claims(what, c
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("what", "cameras"), [("time", 1), ("poses", 1), ("lens", 1), ("all", 1), ("poses", 2)])
-def test_the_calibration_is_as_well_known_as_the_filter_claims(what, cameras):
+def test_the_calibration_is_as_well_known_as_the_filter_claims(what, cameras, monkeypatch):
     """NEES over flights. With landmarks it is up to 1.5 times as sure as it should be (docs/filter.md, section 9)."""
+    share_features(monkeypatch)
     seeds = range(1, 31)
     flights = [learned(what, seed, 15.0, cameras) for seed in seeds]
     n = len(flights[0][0])
