@@ -25,6 +25,7 @@ class VisionConfig:
     max_landmark_depth: float = 1000.0  # m, a landmark farther away ends
     max_depth: float = 100.0  # m
     min_depth: float = 0.1  # m
+    unsure_velocity: float = 0.01  # m/s, standard deviation past which updates are iterated
     gate_probability: float = 0.99  # of the chi-square test, feature by feature
     fej: bool = True  # linearise at first estimates
 
@@ -39,9 +40,9 @@ class CalibrationConfig:
     time_offset: bool = False  # between camera and IMU, one for all cameras
     time_sigma: float = 0.005  # s
     intrinsics: bool = False  # how the cameras project
-    focal_sigma: float = 5.0  # px, of focal lengths
-    centre_sigma: float = 5.0  # px, of the principal point
-    distortion_sigma: float = 0.01  # of each coefficient
+    focal_sigma: float = 2.5  # px, of focal lengths
+    centre_sigma: float = 2.5  # px, of the principal point
+    distortion_sigma: float = 0.005  # of each coefficient
 
 
 @dataclass(frozen=True)

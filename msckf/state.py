@@ -1,5 +1,7 @@
 """The filter's state: nominal values, first estimates and covariance under one owner (docs/filter.md, section 1)."""
 
+from copy import copy
+
 import numpy as np
 from scipy.linalg import solve_triangular
 
@@ -108,10 +110,20 @@ class FilterState:
 
     # -- time -------------------------------------------------------------------------------------------------
 
+    def checkpoint(self) -> "FilterState":
+        """The state as it is now, to come back to after a measurement."""
+        kept = copy(self)
+        kept.clones, kept.landmarks = copy(self.clones), copy(self.landmarks)
+        return kept
+
+    def back_to(self, kept: "FilterState") -> None:
+        """Be as at a checkpoint."""
+        self.__dict__.update(kept.checkpoint().__dict__)
+
     def propagate(self, increment: Increment) -> None:
         """Move to the end of an increment that was integrated at the current biases."""
-        if not self._fej or self._far_from_first_estimates():
-            self._linearise_anew()
+        if not self._fej or self.far_from_first_estimates():
+            self.linearise_anew()
         start = self._first
         self.R_WB, self.p_WB, self.v_WB = predict(self.R_WB, self.p_WB, self.v_WB, increment)
         Phi = transition(increment, start, (self.R_WB, self.p_WB, self.v_WB))
@@ -123,13 +135,13 @@ class FilterState:
         self._P[IMU_SIZE:, i] = self._P[i, IMU_SIZE:].T
         self._keep_first_estimates()
 
-    def _far_from_first_estimates(self) -> bool:
+    def far_from_first_estimates(self) -> bool:
         """Whether the last frame corrected the state so much that its first estimate is no point to linearise at."""
         turn, velocity = _FAR_OFF
         cosine = 0.5 * (np.trace(self._first[0].T @ self.R_WB) - 1.0)
         return bool(np.linalg.norm(self.v_WB - self._first[2]) > velocity or cosine < np.cos(turn))
 
-    def _linearise_anew(self) -> None:
+    def linearise_anew(self) -> None:
         """Make the current estimates first estimates, of the body and the clones."""
         self._keep_first_estimates()
         self.clones.R_first, self.clones.p_first = self.clones.R_WB, self.clones.p_WB
@@ -224,10 +236,13 @@ class FilterState:
 
     # -- measurement ------------------------------------------------------------------------------------------
 
-    def update(self, H: Floats, columns: Stamps, r: Floats, R: Floats) -> None:
-        """Kalman update with `r = z - z_hat`, `H` (m, len(columns)) by the error states `columns`, noise `R` (m, m)."""
+    def update(self, H: Floats, columns: Stamps, r: Floats, R: Floats) -> Floats:
+        """Kalman update with `r = z - z_hat`, `H` (m, len(columns)) by the error states `columns`, noise `R` (m, m).
+
+        Returns the correction (size,).
+        """
         HP = H @ self._P[columns]
-        self.correct(HP, HP[:, columns] @ H.T + R, r)
+        return self.correct(HP, HP[:, columns] @ H.T + R, r)
 
     def seen_through(self, H: Floats, columns: Stamps) -> tuple[Floats, Floats]:
         """H P and H P H^T of a sparse H: row block n, `H[n]` (q, m), is by the error states `columns[n]` (m,).
@@ -243,16 +258,19 @@ class FilterState:
         HPH = np.moveaxis(HP[:, columns], 0, 1) @ np.swapaxes(H, -1, -2)  # (N, N q, q)
         return HP, np.moveaxis(HPH, 0, 1).reshape(N * q, N * q)
 
-    def correct(self, HP: Floats, S: Floats, r: Floats) -> None:
+    def correct(self, HP: Floats, S: Floats, r: Floats) -> Floats:
         """Kalman update by H P (m, size), innovation covariance S (m, m) and innovation r (m,).
 
         With S = L L^T and V = L^-1 H P the new covariance is P - V^T V, which rounding leaves exactly symmetric.
+        Returns the correction (size,).
         """
         L = np.linalg.cholesky(S)
         V = solve_triangular(L, np.column_stack([HP, r]), lower=True, check_finite=False)  # (m, size + 1)
         squared = V.T @ V
         self._P = self._P - squared[:-1, :-1]
-        self._apply(squared[:-1, -1])
+        dx = squared[:-1, -1]
+        self._apply(dx)
+        return dx
 
     def _apply(self, dx: Floats) -> None:
         self.R_WB = so3.normalise(self.R_WB @ so3.exp(dx[THETA]))

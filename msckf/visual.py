@@ -1,6 +1,6 @@
 """The measurement of features over the window of clones (docs/filter.md, section 4)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -201,8 +201,8 @@ def compress(r: Floats, H: Floats) -> tuple[Floats, Floats]:
     """The same information in at most as many rows as columns: (m,), (m, n) to (min(m, n),), (min(m, n), n).
 
     By the Cholesky factor of H^T H, after its columns are scaled to length one, which costs a fifth of a QR. It loses the
-    singular values of H below 1e-8 of the largest, and `_FLOOR` puts about that much in their place: for pixels, which
-    say |H| = 1e3 px/rad or px/m, a made-up 1e-5 px/rad or px/m in directions of which they say nothing.
+    singular values of H below 1e-8 of the largest, and `_FLOOR` puts a little in their place, where the pixels say
+    nothing: about 2e-3 px/m, which over ten minutes knows a position to 30 m (docs/filter.md, section 4.7).
     """
     if H.shape[0] <= H.shape[1]:
         return r, H
@@ -223,6 +223,7 @@ def measure(
     P: Floats,
     config: VisionConfig,
     estimated: Estimated,
+    moved: Floats | None = None,
 ) -> VisualMeasurement | None:
     """Everything that F features seen from K clones say about the clones, gated and compressed.
 
@@ -232,6 +233,8 @@ def measure(
         P: (n, n) covariance of the clones, after that of what is estimated of the cameras.
         config: noise, limits and gate.
         estimated: what that is.
+        moved: (n,) error state by which the poses given differ from those that `P` is about; the measurement is of
+            the latter, and any reprojection error is believed until the test.
 
     Returns:
         None if no feature passed.
@@ -239,12 +242,14 @@ def measure(
     if len(views.uv) == 0:
         return None
     points = triangulate(views, R_WB, p_WB, config)
-    sane = points.valid & (points.rms < 10.0 * config.pixel_noise)
+    sane = points.valid & ((points.rms < 10.0 * config.pixel_noise) | (moved is not None))
     if not sane.any():
         return None
     views, points = views.rows(sane), points.rows(sane)
     r, H_x, H_f, p_linear = linearise(views, R_WB, p_WB, R_lin, p_lin, points.p_WF)
     parts = split(views, r, H_x, H_f, by_calibration(views, H_f, R_lin, p_lin, p_linear, estimated))
+    if moved is not None:
+        parts = replace(parts, r=parts.r + parts.H @ moved, r_1=parts.r_1 + parts.H_1 @ moved)
     nis = normalised_innovations(parts.r, parts.H, P, config.pixel_noise)
     dof = 2.0 * views.seen.sum(axis=1) - 3.0
     passed = nis <= chi_square_quantile(config.gate_probability, dof)

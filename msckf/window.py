@@ -2,14 +2,19 @@
 
 import numpy as np
 
+from msckf.blocks import VELOCITY
 from msckf.config import VisionConfig
 from msckf.features import FeatureTable
 from msckf.frontend import Observations
 from msckf.slam import add_landmarks, move_anchors, promotable, update_landmarks
 from msckf.standstill import image_motion
 from msckf.state import FilterState
-from msckf.visual import VisualOutcome, measure
-from navcore.arrays import Mask, Vectors
+from msckf.views import Views
+from msckf.visual import VisualMeasurement, VisualOutcome, measure
+from navcore.arrays import Floats, Mask, Vectors
+
+_ITERATIONS = 8
+_SETTLED = 1e-3  # rad or m, norm of a step over the window
 
 
 class VisualWindow:
@@ -69,15 +74,14 @@ class VisualWindow:
         """Correct the state by the chosen features; those that are lasting become landmarks while there is room."""
         if not chosen.any():
             return VisualOutcome()
-        clones, config = state.clones, self.config
-        columns = state.seen_columns
-        P = state.covariance[np.ix_(columns, columns)]
+        config, columns = self.config, state.seen_columns
         views = self.table.views_of(state.rig, chosen)
-        m = measure(views, clones.R_WB, clones.p_WB, *state.linearisation_clones, P, config, state.estimated)
+        unsure = np.diagonal(state.covariance)[VELOCITY].max() > config.unsure_velocity**2
+        m = self._settled(state, views) if unsure else self._measured(state, views)
         if m is None:
             return VisualOutcome()
         where = np.flatnonzero(chosen)
-        promoted = lasting[where[m.used]] & promotable(m, config)
+        promoted = lasting[where[m.used]] & promotable(m, config) & (not unsure)
         promoted &= np.cumsum(promoted) <= config.landmarks - len(state.landmarks)
         if promoted.any():
             cameras = views.cameras[views.last[m.used]]
@@ -85,8 +89,40 @@ class VisualWindow:
             add_landmarks(state, keys, cameras[promoted], m, promoted, config.pixel_noise)
         if m.used.any():
             state.update(m.H, columns, m.r, config.pixel_noise**2 * np.eye(len(m.r)))
+            if unsure:
+                state.linearise_anew()
         spent = np.zeros(len(self.table), dtype=bool)
         spent[where[m.used | m.rejected]] = True
         self.table.alive[where[m.used][promoted]] = False  # the state follows them from here on
         self.table.consume(spent)
         return VisualOutcome(int(m.used.sum()), int(m.rejected.sum()), m.nis, m.dof)
+
+    def _measured(
+        self, state: FilterState, views: Views, P: Floats | None = None, moved: Floats | None = None
+    ) -> VisualMeasurement | None:
+        """What the views say at the present estimate; if that has moved since the covariance was `P`, of what it was."""
+        columns, clones = state.seen_columns, state.clones
+        poses = (clones.R_WB, clones.p_WB)
+        linear = state.linearisation_clones if moved is None else poses
+        P = state.covariance if P is None else P
+        by = None if moved is None else moved[columns]
+        return measure(views, *poses, *linear, P[np.ix_(columns, columns)], self.config, state.estimated, by)
+
+    def _settled(self, state: FilterState, views: Views) -> VisualMeasurement | None:
+        """The same, linearised where the update will end (iterated Kalman filter: Bell and Cathey 1993)."""
+        before, columns = state.checkpoint(), state.seen_columns
+        dx = np.zeros(state.size)
+        for _ in range(_ITERATIONS):
+            m = self._measured(state, views, before.covariance, dx)
+            at = state.clones.R_WB, state.clones.p_WB
+            state.back_to(before)
+            if m is None:
+                return None
+            last = dx
+            if m.used.any():
+                dx = state.update(m.H, columns, m.r, self.config.pixel_noise**2 * np.eye(len(m.r)))
+            if np.linalg.norm(dx[columns] - last[columns]) < _SETTLED:
+                break
+        state.back_to(before)
+        state.clones.R_first, state.clones.p_first = at
+        return m
