@@ -1,5 +1,6 @@
 """Draws a run frame by frame: images with tracks, path with its spread, biases with theirs, health."""
 
+import logging
 from collections import deque
 from collections.abc import Mapping
 
@@ -15,10 +16,12 @@ from navcore.odometry import BLOCKS, Estimate, Health, State
 from navcore.sequence import Frame, Tracks
 from navcore.trajectory import Trajectory
 
+_LOG = logging.getLogger(__name__)
 _SIGMAS = 3.0  # of all spreads
 _TAIL = 8  # frames of a track that are shown
 _MATURE = 20  # frames after which a track has the colour of an old one
 _JPEG_QUALITY = 80
+_PATIENCE_S = 10.0
 _GREY, _BLUE, _GREEN, _ORANGE, _RED = (150, 150, 150), (70, 130, 220), (60, 180, 90), (240, 150, 40), (220, 60, 60)
 _HEALTH = {
     Health.INITIALISING: _GREY,
@@ -68,6 +71,13 @@ class Canvas:
         self._draw_pose(estimate.state)
         self._draw_truth(at, estimate.state)
         self._draw_biases(at, estimate.state)
+
+    def flush(self) -> None:
+        """Send off what was drawn; a viewer that was closed meanwhile is no reason to lose the run."""
+        try:
+            self._stream.flush(timeout_sec=_PATIENCE_S)
+        except RuntimeError as error:
+            _LOG.warning("not all of the drawing arrived: %s", error)
 
     def _draw_fixed(self, calibration: Calibration, cameras: int) -> None:
         """What is the same at all times."""

@@ -39,7 +39,9 @@ class Drawn:
 
     def finish(self) -> list[Estimate]:
         """No more input comes: estimates for the frames that can still be answered."""
-        return self._draw(self._odometry.finish())
+        answers = self._draw(self._odometry.finish())
+        self._canvas.flush()
+        return answers
 
     def _draw(self, estimates: list[Estimate]) -> list[Estimate]:
         """Frames are answered in their order, one estimate each; of several at once the last one's tracks are known."""

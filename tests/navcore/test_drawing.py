@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rerun import RecordingStream
 from rerun.chunk import RrdReader
 
 from navcore import so3
@@ -163,6 +164,30 @@ def test_a_drawing_needs_somewhere_to_go(tmp_path):
         open_stream("run", cameras=1)
     with pytest.raises(ConfigError, match=r"gone/run.rrd: no such folder"):
         open_stream("run", cameras=1, file=tmp_path / "gone" / "run.rrd")
+
+
+def test_a_viewer_that_is_gone_does_not_end_the_run(recording, caplog):
+    class Gone:
+        def __getattr__(self, name):
+            return lambda *args, **kwargs: None
+
+        def flush(self, timeout_sec):
+            raise RuntimeError("connection severed")
+
+    odometry = Drawn(Follower(), Canvas(Gone(), recording.calibration, 1, recording.truth))
+    assert len(odometry.add_frame(recording.frames[0])) == 1 and odometry.finish() == []
+    assert "not all of the drawing arrived: connection severed" in caplog.text
+
+
+def test_where_no_viewer_answers_is_said_at_once(monkeypatch):
+    def severed(self, timeout_sec):
+        raise RuntimeError("timed out")
+
+    monkeypatch.setattr(RecordingStream, "spawn", lambda self, connect: None)
+    monkeypatch.setattr(RecordingStream, "set_sinks", lambda self, *sinks, **options: None)
+    monkeypatch.setattr(RecordingStream, "flush", severed)
+    with pytest.raises(ConfigError, match="no viewer answers"):
+        open_stream("run", cameras=1, viewer=True)
 
 
 def test_without_the_sdk_the_error_says_how_to_get_it(monkeypatch):
