@@ -4,8 +4,9 @@ import json
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import tyro
 from rich.console import Console
@@ -17,8 +18,10 @@ from eval.errors import EvalError
 from eval.outcome import Outcome, load
 from eval.paired import paired
 from eval.preset import PRESETS
+from eval.published import DatasetName, Published
 from eval.tables import failure_table, overview_table, score_table
 from eval.work import check_priors
+from msckf.config import FilterConfig
 from navcore.command_line import command_line
 from sim.errors import SimError
 
@@ -108,6 +111,48 @@ def benchmark(
     return _run(plan, folder, scheduler, workers)
 
 
+def dataset(
+    name: DatasetName,
+    root: tyro.conf.Positional[Path],
+    prior: str = "none",
+    cameras: int | None = None,
+    out: Path | None = None,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    config: FilterConfig = FilterConfig(),  # noqa: B008
+) -> int:
+    """Run the filter on every recording of the data set below a folder, or what is left, beside published figures.
+
+    Args:
+        name: of the data set.
+        root: ASL folders or bags, however deep below it; archives are passed over.
+        prior: where bias priors come from, as for `python -m msckf run`.
+        cameras: how many of the rig's cameras are used; short for --config.cameras.
+        out: folder of the results, results/NAME by default; a run that was stopped goes on there.
+        scheduler: address of a Dask scheduler; a local cluster is started without one.
+        workers: processes of the local cluster, one for each core by default.
+        config: all settings of the filter.
+    """
+    from eval.datasets import FINISHED, Dataset, write_table
+    from eval.survey import Survey
+
+    console, folder = _console(), out or Path("results") / name
+    with console.status("looking for recordings") as status:
+        survey = Survey.of(root, lambda recording: status.update(f"reading {recording}"))
+    for note in survey.notes:
+        console.print(note, markup=False, highlight=False)
+    config = config if cameras is None else config.with_overrides({"cameras": cameras})
+    chosen = Dataset(Published.of(name), survey, prior, config)
+    plan = chosen.study(folder)
+    check_priors(plan.cells, folder)
+    outcome = _outcome(plan, folder, scheduler, workers, console)
+    results = chosen.results(outcome)
+    for table in chosen.tables(results):
+        console.print(table.rich())
+    console.print(f"Table: {write_table(results, folder)}")
+    return 0 if results.state.isin(FINISHED).all() and not outcome.errors else 1
+
+
 def report(folder: tyro.conf.Positional[Path]) -> int:
     """Write the report of a study anew, of as much as there is.
 
@@ -121,14 +166,19 @@ def report(folder: tyro.conf.Positional[Path]) -> int:
 
 
 def _run(plan: Study, folder: Path, scheduler: str | None, workers: int | None) -> int:
-    from eval.bar import study_bar
     from eval.report import write_report
-    from eval.study import run_study
 
     console = _console()
-    with study_bar(console) as progress:
-        outcome = run_study(plan, folder, scheduler=scheduler, workers=workers, progress=progress)
+    outcome = _outcome(plan, folder, scheduler, workers, console)
     return _show(outcome, write_report(outcome, folder), console)
+
+
+def _outcome(plan: Study, folder: Path, scheduler: str | None, workers: int | None, console: Console) -> Outcome:
+    from eval.bar import study_bar
+    from eval.study import run_study
+
+    with study_bar(console) as progress:
+        return run_study(plan, folder, scheduler=scheduler, workers=workers, progress=progress)
 
 
 def _console() -> Console:
@@ -149,6 +199,7 @@ def _show(outcome: Outcome, page: Path, console: Console) -> int:
 def main() -> int:
     """Parse the command line and do what it says."""
     commands: dict[str, Callable[..., int]] = {"score": score, "study": study, "benchmark": benchmark}
+    commands |= {name: partial(dataset, name) for name in get_args(DatasetName)}
     commands["report"] = report
     with command_line(EvalError, SimError, resumes=True):
         code: int = tyro.extras.subcommand_cli_from_dict(commands, prog="python -m eval")

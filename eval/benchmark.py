@@ -1,8 +1,6 @@
 """A study of recordings, real or not: every cell of a benchmark, done to their images when they are loaded."""
 
-import hashlib
 import re
-import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,9 +10,10 @@ import numpy as np
 from eval.arms import BASE, Arm
 from eval.cells import Cell, Study
 from eval.errors import StudyError
+from eval.kept import kept
 from eval.sources import Degraded, Recording
 from eval.work import resolved
-from navcore.prior import load_prior, split_prior
+from navcore.prior import load_prior
 from navcore.readers import open_sequence
 from navcore.sequence import Sequence
 from sim.benchmark import duration_s
@@ -53,7 +52,7 @@ class Benchmark:
             DataError: no recording.
             StudyError: no recordings, one without images, or two of the same name.
         """
-        extra = [Arm(prior, _kept(prior, workspace)) for prior in self.priors]
+        extra = [Arm(prior, kept(prior, workspace)) for prior in self.priors]
         steps = [self._step(cell) for cell in self.spec.select(self.patterns)]
         cells: list[Cell] = []
         left_out: list[str] = []
@@ -129,26 +128,3 @@ def _knows_biases(sequence: Sequence) -> bool:
     if truth is None or truth.b_g is None or truth.b_a is None:
         return False
     return bool(np.isfinite(np.hstack([truth.b_g, truth.b_a])).all(axis=1).any())
-
-
-def _kept(prior: str, workspace: Path) -> str:
-    """The prior with its files in the study's folder, named by their content too; unchanged if it has none."""
-    return ",".join(_part_kept(part, workspace) for part in split_prior(prior))
-
-
-def _part_kept(part: str, workspace: Path) -> str:
-    """The same of one source, whose argument may be a file, or the path of a folder of files."""
-    name, _, argument = part.partition(":")
-    given, mark, options = argument.partition("?")
-    path = Path(given)
-    if not (given and path.is_file()) and not ("/" in given and path.is_dir()):
-        return part
-    files = [path] if path.is_file() else sorted(p for p in path.iterdir() if p.is_file())
-    digest = hashlib.sha256()
-    for file in files:
-        digest.update(file.name.encode() + b"\0" + file.read_bytes())
-    copy = workspace / f"{path.stem}-{digest.hexdigest()[:8]}{path.suffix}"
-    (workspace if path.is_file() else copy).mkdir(parents=True, exist_ok=True)
-    for file in files:
-        shutil.copyfile(file, copy if path.is_file() else copy / file.name)
-    return f"{name}:{copy.name}{mark}{options}"

@@ -12,7 +12,7 @@ from eval.cells import Cost, Source
 from eval.errors import StudyError
 from eval.flights import IMAGE_RUN_S, Flight, PointsFlight, RenderedFlight
 from navcore.readers import open_sequence
-from navcore.sequence import Sequence
+from navcore.sequence import ImageFile, Sequence
 from sim.degrade import Schedule, degrade_sequence
 from sim.degrade.schedule import Degradation
 
@@ -26,7 +26,8 @@ class Recording:
     Attributes:
         path: where it is, for all workers.
         frames: how many it has, for what it costs.
-        digest: of its stamps and IMU samples: another recording in the same place is another one.
+        digest: of its stamps, IMU samples, calibration and truth, and of the sizes of its images' files: another
+            recording in the same place is another one.
     """
 
     path: str
@@ -37,8 +38,14 @@ class Recording:
     def of(path: Path, sequence: Sequence) -> "Recording":
         """The one that was read from there."""
         digest = hashlib.sha256(np.array([f.t_ns for f in sequence.frames], dtype=np.int64).tobytes())
-        for values in (sequence.imu.t_ns, sequence.imu.gyro, sequence.imu.accel):
-            digest.update(values.tobytes())
+        imu, truth = sequence.imu, sequence.truth
+        told = () if truth is None else (truth.t_ns, truth.p_WB, truth.q_WB, truth.v_WB, truth.b_g, truth.b_a)
+        for values in (imu.t_ns, imu.gyro, imu.accel, *told):
+            digest.update(b"" if values is None else values.tobytes())
+        digest.update(repr(sequence.calibration.imu).encode())
+        for mount in sequence.calibration.cameras:
+            digest.update(mount.T_BC.tobytes() + repr((mount.camera, mount.dt_cam_imu)).encode())
+        digest.update(np.array(_sizes(sequence), dtype=np.int64).tobytes())
         return Recording(str(path.resolve()), len(sequence.frames), digest.hexdigest()[:12])
 
     @property
@@ -85,6 +92,12 @@ class Degraded:
     def load(self, workspace: Path) -> Sequence:
         """Read it and wrap its images."""
         return degrade_sequence(self.clean.load(workspace), Schedule.parse(self.degrade), self.seed)
+
+
+def _sizes(sequence: Sequence) -> list[int]:
+    """Bytes of the file of every image that is one, which are known without reading it; -1 of one that is gone."""
+    images = (x for frame in sequence.frames for _, x in sorted(frame.images.items()) if isinstance(x, ImageFile))
+    return [x.path.stat().st_size if x.path.is_file() else -1 for x in images]
 
 
 def rendered(flight: Flight, degrade: str) -> RenderedFlight | Degraded:

@@ -14,7 +14,7 @@ from eval.paired import GROUP, Paired, frame
 from eval.records import Record
 from navcore.odometry import BLOCKS
 
-_NOTHING = "–"
+NOTHING = "–"
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,8 @@ def overview_table(records: Iterable[Record], pairs: Iterable[Paired], base: str
                 *(str(name) for name in names[:3]),
                 str(len(mine)),
                 _median(mine, "ate_m", ".3f"),
-                str((mine.diverged == 1.0).sum() or _NOTHING),
-                *(change_of(p) if p is not None else _NOTHING for p in compared),
+                str((mine.diverged == 1.0).sum() or NOTHING),
+                *(change_of(p) if p is not None else NOTHING for p in compared),
             )
         )
     columns = ("platform", "regime", "condition", "runs", f"ATE of {base} [m]", "diverged", *arms)
@@ -66,7 +66,7 @@ def overview_table(records: Iterable[Record], pairs: Iterable[Paired], base: str
 def change_of(pair: Paired) -> str:
     """What an arm changes, in words: the median, its interval, and what had to be left out."""
     if pair.median is None:
-        found = _NOTHING
+        found = NOTHING
     elif pair.low is None or pair.high is None:
         found = f"{percent(pair.median)} ({len(pair.seeds)})"
     else:
@@ -90,7 +90,7 @@ def group_table(records: Iterable[Record]) -> Table:
     rows = []
     for names, group in frame(records).groupby([*GROUP, "arm"], sort=False):
         ate = group["ate_m"].dropna()
-        spread = f"{_number(ate.min(), '.3f')} … {_number(ate.max(), '.3f')}" if len(ate) > 1 else _NOTHING
+        spread = f"{number(ate.min(), '.3f')} … {number(ate.max(), '.3f')}" if len(ate) > 1 else NOTHING
         rows.append(
             (
                 *(str(names[2]), str(names[4])),
@@ -114,9 +114,9 @@ def paired_table(pairs: Iterable[Paired]) -> Table:
     for p in pairs:
         if len(p.seeds) + p.diverged + p.base_diverged + p.failed < 2:
             continue
-        interval = f"{p.low:.3f} … {p.high:.3f}" if p.low is not None and p.high is not None else _NOTHING
-        median = f"{p.median:.3f}" if p.median is not None else _NOTHING
-        chance = f"{p.p_value:.2g}" if p.p_value is not None else _NOTHING
+        interval = f"{p.low:.3f} … {p.high:.3f}" if p.low is not None and p.high is not None else NOTHING
+        median = f"{p.median:.3f}" if p.median is not None else NOTHING
+        chance = f"{p.p_value:.2g}" if p.p_value is not None else NOTHING
         counts = (str(p.diverged), str(p.base_diverged), str(p.failed))
         label = (p.condition, f"{p.arm} / {p.base}")
         rows.append((*label, str(len(p.seeds)), median, interval, chance, _share(p, pairs), *counts))
@@ -152,7 +152,7 @@ def failure_table(outcome: Outcome) -> Table:
     if outcome.missing:
         alike["was not run"] = list(outcome.missing)
     rows = [(str(len(titles)), titles[0], message) for message, titles in alike.items()]
-    rows += [(_NOTHING, "outside a cell", error) for error in outcome.errors]
+    rows += [(NOTHING, "outside a cell", error) for error in outcome.errors]
     return Table("What went wrong", ("cells", "the first of them", "message"), tuple(rows), labels=3)
 
 
@@ -169,19 +169,20 @@ def _nees_of(record: Record) -> Nees | None:
 def _share(pair: Paired, pairs: list[Paired]) -> str:
     """Its gain as a share of that of the arm `truth` in the same group, where both are certain."""
     if pair.low is None or pair.high is None or pair.low <= 1.0 <= pair.high:
-        return _NOTHING
+        return NOTHING
     for other in pairs:
         same = other.group == pair.group
         certain = other.arm == "truth" and other.high is not None and other.high < 1.0
         if same and certain and other is not pair and pair.median is not None and other.median is not None:
             return f"{np.log(pair.median) / np.log(other.median):.0%}"
-    return _NOTHING
+    return NOTHING
 
 
 def _median(group: pd.DataFrame, name: str, form: str) -> str:
     values = group[name].dropna() if name in group else pd.Series(dtype=np.float64)
-    return _number(float(values.median()), form) if len(values) else _NOTHING
+    return number(float(values.median()), form) if len(values) else NOTHING
 
 
-def _number(value: float, form: str) -> str:
-    return format(value, form) if np.isfinite(value) else "∞"
+def number(value: float, form: str) -> str:
+    """A number as text: a dash for one that is not known, ∞ for one without end."""
+    return NOTHING if np.isnan(value) else format(value, form) if np.isfinite(value) else "∞"

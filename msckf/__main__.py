@@ -20,7 +20,7 @@ from msckf.errors import MsckfError
 from msckf.filter import Filter, TimedState
 from navcore.command_line import command_line
 from navcore.errors import ConfigError
-from navcore.odometry import Run, State
+from navcore.odometry import Odometry, Run, State
 from navcore.odometry import run as run_odometry
 from navcore.prior import PriorMode, load_prior
 from navcore.readers import open_sequence
@@ -40,6 +40,8 @@ def run(
     init: StartMode | None = None,
     prior_mode: PriorMode | None = None,
     prior_weight: float | None = None,
+    rerun: bool = False,
+    rerun_save: Path | None = None,
     config: FilterConfig = FilterConfig(),  # noqa: B008
 ) -> int:
     """Run the filter on a recording in EuRoC's or TUM-VI's layout.
@@ -56,6 +58,8 @@ def run(
         prior_mode: modelled (the prior's own error is a state) or plain (the paper's fixed weight); short for
             --config.prior.mode.
         prior_weight: W of the plain mode; short for --config.prior.weight.
+        rerun: show the run in Rerun's viewer, live.
+        rerun_save: write it for the viewer, by custom as FILE.rrd.
         config: all settings.
     """
     check_free(out)
@@ -74,7 +78,8 @@ def run(
         }
         config = config.with_overrides({name: value for name, value in short.items() if value is not None})
         told = truth_start(sequence) if config.start.mode == "truth" else None
-        odometry = Filter(sequence.calibration, config, load_prior(prior, sequence), told)
+        vio = Filter(sequence.calibration, config, load_prior(prior, sequence), told)
+        odometry = _drawn(vio, sequence, viewer=rerun, file=rerun_save) if rerun or rerun_save is not None else vio
         with Progress(
             TextColumn(sequence.name), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
         ) as bar:
@@ -87,6 +92,15 @@ def run(
     write_run(out, result, sequence, options, summary)
     _report(result, summary, out)
     return 0
+
+
+def _drawn(vio: Filter, sequence: Sequence, *, viewer: bool, file: Path | None) -> Odometry:
+    """The filter, drawn while it runs; what that takes is imported only here."""
+    from navcore.drawing import Canvas, Drawn, open_stream
+
+    cameras = vio.config.cameras
+    stream = open_stream(sequence.name, cameras=cameras, viewer=viewer, file=file)
+    return Drawn(vio, Canvas(stream, sequence.calibration, cameras, sequence.truth))
 
 
 def truth_start(sequence: Sequence) -> TimedState:

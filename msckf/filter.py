@@ -15,7 +15,7 @@ from msckf.estimated import Estimated
 from msckf.frontend import Frontend, Observations
 from msckf.health import HealthMonitor
 from msckf.imu_buffer import ImuBuffer
-from msckf.prior_update import PriorUpdate, StartingBias
+from msckf.prior_update import PriorState, PriorUpdate, StartingBias
 from msckf.propagation import integrate
 from msckf.standstill import imu_is_quiet, standstill_update
 from msckf.starter import Starter
@@ -30,7 +30,7 @@ from navcore.errors import ConfigError
 from navcore.imu import ImuSamples
 from navcore.odometry import Estimate, Health, State
 from navcore.prior import BiasPriorSource, load_prior
-from navcore.sequence import Frame
+from navcore.sequence import Frame, Tracks
 
 
 @dataclass(frozen=True)
@@ -70,6 +70,7 @@ class Filter:
         self._frames: deque[Frame] = deque()
         self._newest_frame_ns: int | None = None
         self._frontend = Frontend(self._rig, self.config.tracker)
+        self._observations: Observations | None = None
         self._prior = PriorUpdate(prior or load_prior("none"), self.config.prior, calibration.imu)
         self._told_start = start
         self._start_bias: StartingBias | None = None
@@ -83,6 +84,18 @@ class Filter:
         self._window = VisualWindow(len(self._rig), self.config.vision)
         self._starter = Starter(self.calibration, self._rig, self.config)
         self._health = HealthMonitor(self.config.health)
+
+    # -- what it knows, to look at ---------------------------------------------------------------------------------
+
+    @property
+    def tracks(self) -> Mapping[int, Tracks]:
+        """What each camera followed into the newest frame that was answered, by camera index."""
+        return {} if self._observations is None else self._observations.tracks()
+
+    @property
+    def prior(self) -> PriorState:
+        """What it knows of its bias prior."""
+        return self._prior.known(self.state)
 
     # -- input ------------------------------------------------------------------------------------------------
 
@@ -151,7 +164,7 @@ class Filter:
             R_before = self.state.R_WB
             notes = self._propagate(self.state, t_ns)
             R_B1B0 = self.state.R_WB.T @ R_before
-        observations = self._frontend.observe(frame, R_B1B0, stages)
+        observations = self._observations = self._frontend.observe(frame, R_B1B0, stages)
         with stage(stages, "update"):
             outcome, still = self._correct(self.state, frame.t_ns, t_ns, observations)
         with stage(stages, "prior"):
@@ -192,7 +205,7 @@ class Filter:
     # -- start ------------------------------------------------------------------------------------------------
 
     def _try_to_start(self, frame: Frame, t_ns: int, stages: dict[str, float]) -> Estimate:
-        observations = self._frontend.observe(frame, None, stages)
+        observations = self._observations = self._frontend.observe(frame, None, stages)
         with stage(stages, "start"):
             state, reason = self._find_start(t_ns, observations)
         health = Health.INITIALISING if self._last_pose is None else Health.LOST

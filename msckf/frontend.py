@@ -9,7 +9,7 @@ from msckf.views import Rig
 from navcore.arrays import Floats, Mask, Rotations, Stamps
 from navcore.errors import DataError
 from navcore.odometry import SKIPPED
-from navcore.sequence import Frame
+from navcore.sequence import Frame, Tracks
 from navcore.tracker import Tracker, TrackerConfig
 
 
@@ -33,6 +33,14 @@ class Observations:
 
     def __len__(self) -> int:
         return len(self.keys)
+
+    def tracks(self) -> dict[int, Tracks]:
+        """The same by camera, with each feature's number there."""
+        found = {}
+        for c in np.unique(self.cameras).tolist():
+            mine = self.cameras == c
+            found[c] = Tracks(self.keys[mine], self.uv[mine])
+        return found
 
     def rows(self, mask: Mask) -> "Observations":
         """Only some of them."""

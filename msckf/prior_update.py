@@ -30,6 +30,23 @@ class StartingBias:
     conditional: Floats | None = None
 
 
+@dataclass(frozen=True)
+class PriorState:
+    """What a filter knows of its bias prior.
+
+    Attributes:
+        applied: measurements that were applied.
+        nis: normalised innovation squared of the last of them, before weighting; six are expected. None without one.
+        c: (6,) the prior's constant error, of b_g [rad/s] and b_a [m/s^2]; covariance: (6, 6) of it; None where it is
+            not estimated.
+    """
+
+    applied: int
+    nis: float | None
+    c: Floats | None = None
+    covariance: Floats | None = None
+
+
 class PriorUpdate:
     """Feeds the measurements of one source to the filter.
 
@@ -46,7 +63,8 @@ class PriorUpdate:
         self._last_ns: int | None = None
         self._surprises = 0
         self._before_start: list[BiasPrior] = []
-        self.nis: float | None = None  # of the last measurement, before weighting
+        self.nis: float | None = None  # of this frame's last measurement, before weighting
+        self._last_nis: float | None = None
         self.applied = 0
 
     @property
@@ -112,7 +130,15 @@ class PriorUpdate:
                     findings = ("bias prior and filter disagree",)
             else:
                 self._surprises = 0
+            self._last_nis = self.nis
         return findings
+
+    def known(self, state: FilterState | None) -> PriorState:
+        """What is known of the source by now."""
+        if state is None or state.c is None:
+            return PriorState(self.applied, self._last_nis)
+        covariance = state.covariance[state.prior_error, state.prior_error]
+        return PriorState(self.applied, self._last_nis, state.c.copy(), covariance.copy())
 
     def _said(self, t_ns: int) -> list[BiasPrior]:
         """What the source says of the samples up to `t_ns`, however far ahead of the frames they came."""

@@ -4,27 +4,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eval import benchmark, images
+from eval import images
 from eval.__main__ import main
 from eval.benchmark import Benchmark
 from eval.cells import Study
 from eval.errors import StudyError
+from eval.kept import kept
 from eval.report import write_report
 from eval.sources import Degraded, Recording, degradations
 from eval.study import run_study
 from eval.work import resolved
-from navcore.calibration import Calibration, CameraMount
-from navcore.camera import PinholeRadtan
 from navcore.readers import open_sequence
-from navcore.sequence import Frame, ImageArray
-from navcore.trajectory import Trajectory
 from sim.degrade import degrade_sequence
 from sim.degrade.spec import Spec
 from sim.errors import ConfigError
 from sim.output import write_recording
 from tests.eval.fakes import FakeFlight
+from tests.eval.recorded import write_flight
 
-WIDTH, HEIGHT = 64, 48
 SPEC = Spec(
     "mine",
     7,
@@ -41,28 +38,12 @@ SPEC = Spec(
 )
 
 
-def write(folder, name, seed, biases=True):
-    """Ten seconds of small images, with truth."""
-    flight = FakeFlight(seed, 10.0).load(folder)
-    rng = np.random.default_rng(seed)
-    frames = [
-        Frame(f.t_ns, {0: ImageArray(rng.integers(60, 200, (HEIGHT, WIDTH)).astype(np.uint8))})
-        for f in flight.frames[::5]
-    ]
-    camera = PinholeRadtan(WIDTH, HEIGHT, 50.0, 50.0, 0.5 * (WIDTH - 1), 0.5 * (HEIGHT - 1))
-    calibration = Calibration(flight.calibration.imu, (CameraMount(camera, np.eye(4)),))
-    t = flight.truth
-    truth = t if biases else Trajectory(t.t_ns, t.q_WB, t.p_WB, t.v_WB)
-    write_recording(replace(flight, frames=frames, calibration=calibration, truth=truth), folder / name)
-    return folder / name
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Two recordings, the second one without biases in its truth."""
     folder = tmp_path_factory.mktemp("recordings")
-    write(folder, "one", 1)
-    write(folder, "two", 2, biases=False)
+    write_flight(folder, "one", 1)
+    write_flight(folder, "two", 2, biases=False)
     return folder
 
 
@@ -109,16 +90,16 @@ def test_files_and_folders_of_priors_are_kept_by_their_content(tmp_path, monkeyp
     (tmp_path / "device.json").write_text("{}")
     (weights / "card.json").write_text("one")
     spec = "constant:./device.json,file:./weights?window=8"
-    first = benchmark._kept(spec, study)
+    first = kept(spec, study)
     device, folder = (part.partition(":")[2].partition("?")[0] for part in first.split(","))
     assert first == f"constant:{device},file:{folder}?window=8"
     assert (study / device).read_text() == "{}" and (study / folder / "card.json").read_text() == "one"
     assert resolved(first, study) == f"constant:{study / device},file:{study / folder}?window=8"
     (weights / "card.json").write_text("two")
-    second = benchmark._kept(spec, study)
+    second = kept(spec, study)
     assert second.split(",")[0] == first.split(",")[0] and second.split(",")[1] != first.split(",")[1]
     for name in ("none", "truth:1e-3,0.5", "file:weights", "constant:gone.json"):  # a folder's path has a slash
-        assert benchmark._kept(name, study) == name
+        assert kept(name, study) == name
 
 
 def test_images_are_those_of_the_same_benchmark_on_disk(folder, tmp_path):

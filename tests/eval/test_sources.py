@@ -135,3 +135,22 @@ def test_a_recording_is_known_by_what_it_holds(workspace):
     assert found == Recording.of(folder, sequence)
     assert found.digest != Recording.of(folder, sequence.span(0.2)).digest
     assert len(found.load(workspace).imu) == len(sequence.imu)
+
+
+def test_truth_calibration_and_images_are_part_of_a_recording(workspace, tmp_path):
+    film = RenderedFlight.of(SHORT)
+    sequence = film.load(workspace)
+    truth, camera = sequence.truth, sequence.calibration.cameras[0]
+    turned = replace(sequence.calibration, cameras=(replace(camera, dt_cam_imu=0.01),))
+    first = sequence.frames[0].images[0]
+    larger = tmp_path / "larger.png"
+    larger.write_bytes(first.path.read_bytes() + b"more")
+    frames = (replace(sequence.frames[0], images={0: replace(first, path=larger)}), *sequence.frames[1:])
+    others = (
+        replace(sequence, truth=replace(truth, p_WB=truth.p_WB + 1.0)),
+        replace(sequence, truth=None),
+        replace(sequence, calibration=turned),
+        replace(sequence, frames=frames),
+    )
+    digests = [Recording.of(film.folder(workspace), s).digest for s in (sequence, *others)]
+    assert len(set(digests)) == len(digests)
