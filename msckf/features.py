@@ -33,7 +33,7 @@ class FeatureTable:
     @property
     def clones(self) -> int:
         """K."""
-        return self.seen.shape[1] // self._cameras
+        return int(self.seen.shape[1]) // self._cameras
 
     @property
     def uv(self) -> Floats:
@@ -84,7 +84,7 @@ class FeatureTable:
         seen_at[rows, columns, :2], seen_at[rows, columns, 2:] = seen.uv, seen.bearings
         was_seen[rows, columns] = True
         self.keys, self._seen_at, self.seen = all_keys, seen_at, was_seen
-        self.alive = was_seen[:, k:].any(axis=1)
+        self.alive = np.asarray(was_seen[:, k:].any(axis=1))
 
     def drop_clone(self, k: int) -> None:
         """Clone `k` is gone; features that nothing else saw go with it."""

@@ -75,7 +75,7 @@ class FilterState:
     @property
     def seen_columns(self) -> Stamps:
         """Error states that observations over the window depend on: cameras and clones."""
-        return np.r_[self.cameras, self.clone_start : self.clone_stop]
+        return np.asarray(np.r_[self.cameras, self.clone_start : self.clone_stop])
 
     def clone(self, k: int) -> slice:
         """Where clone `k` is."""

@@ -102,7 +102,7 @@ class Views:
     @property
     def count(self) -> int:
         """K, the number of poses."""
-        return self.seen.shape[1] // len(self.rig)
+        return int(self.seen.shape[1]) // len(self.rig)
 
     @cached_property
     def cameras(self) -> Stamps:

@@ -113,9 +113,10 @@ def corrections(monkeypatch):
 
     def update(self, H, columns, r, R):
         before, P = self.p_WB, np.array(self.covariance[POSITION, POSITION])
-        real(self, H, columns, r, R)
+        dx = real(self, H, columns, r, R)
         d = self.p_WB - before
         heard.append((int(self.clones.t_ns[-1]), float(d @ np.linalg.solve(P, d))))
+        return dx
 
     monkeypatch.setattr(FilterState, "update", update)
     return heard

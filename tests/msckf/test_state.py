@@ -195,7 +195,7 @@ def test_only_what_is_estimated_has_a_place(estimated, sizes):
     lengths = [x.stop - x.start for x in (state.time_offset, state.cameras)]
     assert tuple(lengths) == sizes
     assert state.size == 15 + sum(sizes) == state.clone_start
-    expected = {"time": [0.5], "pose": [0.1] * 3 + [0.2] * 3, "lens": [5.0] * 4 + [0.03] * 4}
+    expected = {"time": [0.5], "pose": [0.1] * 3 + [0.2] * 3, "lens": [2.5] * 4 + [0.03] * 4}
     camera = expected["pose"] * estimated.extrinsics + expected["lens"] * estimated.intrinsics
     assert sigmas.tolist() == expected["time"] * estimated.time_offset + camera * 2
     rig = state.rig
