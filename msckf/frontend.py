@@ -1,4 +1,4 @@
-"""Frames become observations: images are tracked, tracks are passed on, faults are named."""
+"""Frames become observations: images are tracked and matched, tracks are passed on, faults are named."""
 
 from dataclasses import dataclass
 
@@ -6,11 +6,11 @@ import numpy as np
 
 from msckf.clock import stage
 from msckf.views import Rig
-from navcore.arrays import Floats, Mask, Rotations, Stamps
+from navcore.arrays import Floats, Image, Mask, Rotations, Stamps
 from navcore.errors import DataError
 from navcore.odometry import SKIPPED
 from navcore.sequence import Frame, Tracks
-from navcore.tracker import Tracker, TrackerConfig
+from navcore.tracker import Numbers, StereoMatcher, Tracker, TrackerConfig
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Observations:
     """What all cameras followed into one frame.
 
     Attributes:
-        keys: (N,) feature numbers, unique over cameras.
+        keys: (N,) feature numbers; the same one in several cameras is the same feature, once in each.
         cameras: (N,) camera index.
         uv: (N, 2) px.
         bearings: (N, 3) the same as unit vectors in C.
@@ -48,11 +48,14 @@ class Observations:
 
 
 class Frontend:
-    """One tracker per camera, and the rotation since each last saw something."""
+    """One tracker per camera, matchers of the first with each other, and the rotation since each last saw something."""
 
     def __init__(self, rig: Rig, config: TrackerConfig) -> None:
         self._rig = rig
-        self._trackers = [Tracker(mount.camera, config) for mount in rig.mounts]
+        numbers = Numbers()
+        self._trackers = [Tracker(mount.camera, config, numbers) for mount in rig.mounts]
+        first, *others = zip(rig.mounts, self._trackers, strict=True)
+        self._matchers = [StereoMatcher(*first, *other) for other in others]
         self._since: list[Rotations | None] = [np.eye(3) for _ in rig.mounts]
 
     def observe(self, frame: Frame, R_B1B0: Rotations | None, stages: dict[str, float]) -> Observations:
@@ -63,48 +66,68 @@ class Frontend:
             R_B1B0: the body's rotation since the last frame, None if it is not known.
             stages: gets the CPU seconds of `decode` and `track`.
         """
-        parts, faults = [], []
-        for c in range(len(self._trackers)):
-            since = self._since[c]
-            self._since[c] = None if R_B1B0 is None or since is None else R_B1B0 @ since
+        self._since = [None if R_B1B0 is None or R is None else R_B1B0 @ R for R in self._since]
+        parts: list[tuple[int, Tracks, Floats]] = []
+        faults: list[str] = []
+        first_sees = False
+        for c, tracker in enumerate(self._trackers):
+            if c in frame.tracks:
+                tracks = frame.tracks[c]
+                parts.append((c, tracks, tracker.camera.unproject(tracks.uv)))
+                continue
             try:
-                part = self._one(frame, c, stages)
+                with stage(stages, "decode"):
+                    image = self._image(frame, c)
             except DataError as error:
                 faults.append(f"{SKIPPED}: camera {c}: {error}")
+                tracker.skip()
                 continue
-            self._since[c] = np.eye(3)
-            parts.append(part)
-            faults += part.faults
-        empty = np.zeros(0, dtype=np.int64)
-        return Observations(
-            np.concatenate([empty, *(p.keys for p in parts)]),
-            np.concatenate([empty, *(p.cameras for p in parts)]),
-            np.concatenate([np.zeros((0, 2)), *(p.uv for p in parts)]),
-            np.concatenate([np.zeros((0, 3)), *(p.bearings for p in parts)]),
-            tuple(faults),
-        )
-
-    def _one(self, frame: Frame, c: int, stages: dict[str, float]) -> Observations:
-        """Observations of one camera."""
-        camera = self._rig.mounts[c].camera
-        faults: tuple[str, ...] = ()
-        if c in frame.tracks:
-            tracks = frame.tracks[c]
-            bearings = camera.unproject(tracks.uv)
-        elif c in frame.images:
-            with stage(stages, "decode"):
-                image = frame.images[c].load()
-            if image.shape != (camera.height, camera.width) or image.dtype != np.uint8:
-                size = f"{image.shape[1]}x{image.shape[0]}" if image.ndim == 2 else f"of shape {image.shape}"
-                raise DataError(f"image is {size} {image.dtype}, expected {camera.width}x{camera.height} uint8")
-            R_BC, R_B1B0 = self._rig.mounts[c].R_BC, self._since[c]
             with stage(stages, "track"):
-                tracker = self._trackers[c]
-                tracks = tracker.track(image, None if R_B1B0 is None else R_BC.T @ R_B1B0 @ R_BC)
-                bearings = tracker.bearings
+                sees = self._track(c, image, first_sees)
+                first_sees |= sees and c == 0
             if tracker.quality.fault is not None:
-                faults = (f"{tracker.quality.fault}, camera {c}",)
-        else:
+                faults.append(f"{tracker.quality.fault}, camera {c}")
+            if sees:
+                parts.append((c, tracker.tracks, tracker.bearings))
+        return _joined(parts, tuple(faults))
+
+    def _image(self, frame: Frame, c: int) -> Image:
+        if c not in frame.images:
             raise DataError("no image")
-        cameras = np.full(len(tracks), c, dtype=np.int64)
-        return Observations(tracks.ids * len(self._trackers) + c, cameras, tracks.uv, bearings, faults)
+        camera, image = self._rig.mounts[c].camera, frame.images[c].load()
+        if image.shape != (camera.height, camera.width) or image.dtype != np.uint8:
+            size = f"{image.shape[1]}x{image.shape[0]}" if image.ndim == 2 else f"of shape {image.shape}"
+            raise DataError(f"image is {size} {image.dtype}, expected {camera.width}x{camera.height} uint8")
+        return image
+
+    def _track(self, c: int, image: Image, first_sees: bool) -> bool:
+        """Follow one camera's features, and add to them; says whether the image was of use.
+
+        Cameras other than the first get its features, and own ones only where none of those are.
+        """
+        tracker, R_BC, R_B1B0 = self._trackers[c], self._rig.mounts[c].R_BC, self._since[c]
+        if not tracker.follow(image, None if R_B1B0 is None else R_BC.T @ R_B1B0 @ R_BC):
+            return False
+        self._since[c] = np.eye(3)
+        if c == 0:
+            tracker.begin()
+            return True
+        if first_sees:
+            self._matchers[c - 1].match()
+            shared = np.isin(tracker.ids, self._trackers[0].ids)
+        else:
+            shared = np.ones(len(tracker.ids), dtype=bool)
+        tracker.begin(tracker.grid.counts(tracker.uv[shared]) == 0)
+        return True
+
+
+def _joined(parts: list[tuple[int, Tracks, Floats]], faults: tuple[str, ...]) -> Observations:
+    """The observations of all cameras, (index, tracks, bearings) each."""
+    empty = np.zeros(0, dtype=np.int64)
+    return Observations(
+        np.concatenate([empty, *(tracks.ids for _, tracks, _ in parts)]),
+        np.concatenate([empty, *(np.full(len(tracks), c, dtype=np.int64) for c, tracks, _ in parts)]),
+        np.concatenate([np.zeros((0, 2)), *(tracks.uv for _, tracks, _ in parts)]),
+        np.concatenate([np.zeros((0, 3)), *(bearings for _, _, bearings in parts)]),
+        faults,
+    )

@@ -14,7 +14,7 @@ from navcore.arrays import Floats, Mask, Pixels, Vectors
 from navcore.errors import DataError
 
 _NEWTON_STEPS = 20
-_NEWTON_TOLERANCE = 1e-11  # of normalised coordinates: 1e-8 px
+_NEWTON_TOLERANCE = 1e-7  # of normalised coordinates, a step after which the error is about its square
 _MIN_DEPTH = 1e-6
 
 
@@ -129,29 +129,32 @@ class PinholeRadtan(Camera):
 
     def _distort(self, p_CF: Vectors) -> tuple[Floats, Floats]:
         z = np.where(np.abs(p_CF[..., 2]) < _MIN_DEPTH, _MIN_DEPTH, p_CF[..., 2])
-        xy = p_CF[..., :2] / z[..., None]
-        out, D = self._radtan(xy)
-        J = np.empty((*xy.shape, 3))
-        J[..., :2] = D / z[..., None, None]
-        J[..., 2] = -(D @ xy[..., None])[..., 0] / z[..., None]
-        return out, J
+        x, y = p_CF[..., 0] / z, p_CF[..., 1] / z
+        x_d, y_d, xx, xy, yy = self._radtan(x, y)
+        J = np.empty((*x.shape, 2, 3))
+        J[..., 0, 0], J[..., 1, 1] = xx / z, yy / z
+        J[..., 0, 1] = J[..., 1, 0] = xy / z
+        J[..., 0, 2] = -(xx * x + xy * y) / z
+        J[..., 1, 2] = -(xy * x + yy * y) / z
+        return np.stack([x_d, y_d], axis=-1), J
 
-    def _radtan(self, xy: Floats) -> tuple[Floats, Floats]:
-        """Distortion of undistorted (..., 2), with its (..., 2, 2) Jacobian."""
+    def _radtan(self, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+        """Distorted x and y of undistorted ones, and dx_d/dx, dx_d/dy = dy_d/dx, dy_d/dy."""
         k1, k2, p1, p2 = self.distortion
-        x, y = xy[..., 0], xy[..., 1]
-        xx, yy, xyp = x * x, y * y, x * y
+        xx, yy, xy = x * x, y * y, x * y
         r2 = xx + yy
         radial = 1.0 + r2 * (k1 + k2 * r2)
-        slope = 2.0 * (k1 + 2.0 * k2 * r2)  # d(radial)/dx = slope * x
-        out = np.empty_like(xy)
-        out[..., 0] = x * radial + 2.0 * p1 * xyp + p2 * (r2 + 2.0 * xx)
-        out[..., 1] = y * radial + p1 * (r2 + 2.0 * yy) + 2.0 * p2 * xyp
-        D = np.empty((*xy.shape, 2))
-        D[..., 0, 0] = radial + slope * xx + 2.0 * p1 * y + 6.0 * p2 * x
-        D[..., 0, 1] = D[..., 1, 0] = slope * xyp + 2.0 * p1 * x + 2.0 * p2 * y
-        D[..., 1, 1] = radial + slope * yy + 6.0 * p1 * y + 2.0 * p2 * x
-        return out, D
+        slope = 2.0 * k1 + (4.0 * k2) * r2  # d(radial)/dx = slope * x
+        p1x, p1y, p2x, p2y = (2.0 * p1) * x, (2.0 * p1) * y, (2.0 * p2) * x, (2.0 * p2) * y
+        x_d = x * (radial + p1y + p2x) + p2 * r2
+        y_d = y * (radial + p1y + p2x) + p1 * r2
+        return (
+            x_d,
+            y_d,
+            radial + slope * xx + p1y + 3.0 * p2x,
+            slope * xy + p1x + p2y,
+            radial + slope * yy + 3.0 * p1y + p2x,
+        )
 
     def _by_distortion(self, p_CF: Vectors) -> Floats:
         z = np.where(np.abs(p_CF[..., 2]) < _MIN_DEPTH, _MIN_DEPTH, p_CF[..., 2])
@@ -165,19 +168,19 @@ class PinholeRadtan(Camera):
         return J
 
     def _undistort(self, xy: Floats) -> Vectors:
-        guess = xy.copy()
+        x_d, y_d = xy[..., 0].copy(), xy[..., 1].copy()  # contiguous: faster
+        x, y = x_d, y_d
         for _ in range(_NEWTON_STEPS):
-            out, D = self._radtan(guess)
-            r = xy - out
-            det = D[..., 0, 0] * D[..., 1, 1] - D[..., 0, 1] * D[..., 1, 0]
+            x_now, y_now, xx, xy_, yy = self._radtan(x, y)
+            r_x, r_y = x_d - x_now, y_d - y_now
+            det = xx * yy - xy_ * xy_
             det = np.where(np.abs(det) < 1e-9, 1e-9, det)
-            step = np.empty_like(r)
-            step[..., 0] = (D[..., 1, 1] * r[..., 0] - D[..., 0, 1] * r[..., 1]) / det
-            step[..., 1] = (D[..., 0, 0] * r[..., 1] - D[..., 1, 0] * r[..., 0]) / det
-            guess = guess + np.clip(step, -0.5, 0.5)
-            if step.size == 0 or np.abs(step).max() < _NEWTON_TOLERANCE:
+            step_x = np.clip((yy * r_x - xy_ * r_y) / det, -0.5, 0.5)
+            step_y = np.clip((xx * r_y - xy_ * r_x) / det, -0.5, 0.5)
+            x, y = x + step_x, y + step_y
+            if step_x.size == 0 or max(np.abs(step_x).max(), np.abs(step_y).max()) < _NEWTON_TOLERANCE:
                 break
-        rays = np.concatenate([guess, np.ones((*xy.shape[:-1], 1))], axis=-1)
+        rays = np.stack([x, y, np.ones_like(x)], axis=-1)
         unit: Vectors = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
         return unit
 

@@ -101,9 +101,11 @@ def _tracked(sequence: Sequence, flow: Flow) -> Tracking:
     R_WC = attitude.at(stamps) @ mount.R_BC
     tracker = Tracker(mount.camera)
     tracks: list[Tracks] = []
+    last = None  # image of use
     for k, frame in enumerate(sequence.frames):
-        R_C1C0 = R_WC[k].T @ R_WC[k - 1] if k else None
+        R_C1C0 = R_WC[k].T @ R_WC[last] if last is not None else None
         tracks.append(tracker.track(frame.images[0].load(), R_C1C0))
+        last = last if tracker.quality.useless else k
     steps = [_step(k, *pair, flow) for k, pair in enumerate(pairwise(tracks))]
     rate_hz = (len(stamps) - 1) / ((stamps[-1] - stamps[0]) * 1e-9)
     begun, lasting = _kept(steps, round(_LATER_S * rate_hz))

@@ -130,15 +130,71 @@ def test_the_same_images_give_the_same_tracks():
     ],
     ids=["dark", "saturated", "plain"],
 )
-def test_an_image_that_offers_nothing_ends_all_tracks_and_is_named(image, fault):
+def test_an_image_that_offers_nothing_is_named_and_ends_all_tracks_only_if_others_follow(image, fault):
     tracker = Tracker(CAMERA)
     first = tracker.track(texture(), None)
     assert tracker.quality.fault is None
-    assert len(tracker.track(image, None)) == 0
-    assert tracker.quality.fault == fault
+    for _ in range(tracker.config.max_skipped):
+        assert len(tracker.track(image, None)) == 0
+        assert tracker.quality.fault == fault
+    again = tracker.track(warped(texture(), shift(4.0, 2.0)), None)
+    assert np.isin(first.ids, again.ids).mean() > 0.8
+    for _ in range(tracker.config.max_skipped + 1):
+        tracker.track(image, None)
     after = tracker.track(texture(), None)
     assert len(after) > 100
-    assert after.ids.min() > first.ids.max()
+    assert after.ids.min() > again.ids.max()
+
+
+def test_a_fault_that_leaves_something_to_see_ends_no_tracks():
+    """Most of the picture is white, and says so; the rest goes on."""
+    image, tracker = texture(), Tracker(CAMERA)
+    image[:, 250:] = 255
+    first = tracker.track(image, None)
+    second = tracker.track(image, None)
+    assert tracker.quality.fault == "image saturated"
+    assert len(first) > 30
+    assert np.isin(first.ids, second.ids).mean() > 0.9
+
+
+@pytest.mark.parametrize(("gain", "offset"), [(0.5, 0.0), (1.0, 60.0), (0.3, 20.0)])
+def test_features_stay_where_they_are_when_the_exposure_changes(gain, offset):
+    image, tracker, H = texture(7), Tracker(CAMERA), shift(5.0, -3.0)
+    first = tracker.track(image, None)
+    other = np.clip(gain * warped(image, H) + offset, 0, 255).astype(np.uint8)
+    second = tracker.track(other, None)
+    a, b = followed(first, second)
+    assert len(a) > 0.75 * len(first)
+    assert np.median(np.linalg.norm(second.uv[b] - apply(H, first.uv[a]), axis=1)) < 0.15
+
+
+def test_features_outlast_a_lamp_that_lights_a_part_of_the_picture():
+    image, tracker = texture(8), Tracker(CAMERA)
+    light = np.linspace(1.0, 0.2, 752)[None, :]
+    first = tracker.track(image, None)
+    second = tracker.track(np.clip(light * image, 0, 255).astype(np.uint8), None)
+    a, b = followed(first, second)
+    assert len(a) > 0.6 * len(first)
+    assert np.median(np.linalg.norm(second.uv[b] - first.uv[a], axis=1)) < 1.0
+
+
+def test_a_dark_picture_has_the_same_corners():
+    """A fifth of the light: what is a corner does not hang on grey values."""
+    image = texture(9)
+    bright = Tracker(CAMERA).track(image, None)
+    dark = Tracker(CAMERA).track((0.2 * image).astype(np.uint8), None)
+    nearest = np.linalg.norm(dark.uv[:, None] - bright.uv, axis=2).min(axis=1)
+    assert len(dark) > 0.9 * len(bright)
+    assert (nearest < 2.0).mean() > 0.6
+
+
+def test_one_textured_corner_does_not_take_the_whole_budget():
+    image = np.full((480, 752), 100, dtype=np.uint8)
+    image[:200, :300] = texture(10)[:200, :300]
+    image[300:480, 500:752] = 100 + (texture(11)[300:480, 500:752].astype(int) - 128) // 4
+    tracks = Tracker(CAMERA).track(image, None)
+    assert (tracks.uv[:, 0] > 490).sum() > 20
+    assert Tracker(CAMERA).grid.counts(tracks.uv).max() <= Tracker(CAMERA).grid.share
 
 
 def test_a_reset_ends_all_features():
