@@ -37,9 +37,7 @@ class Clones:
     def __len__(self) -> int:
         return len(self.t_ns)
 
-    def with_one(
-        self, t_ns: int, R_WB: Rotations, p_WB: Vectors, R_first: Rotations, p_first: Vectors
-    ) -> "Clones":
+    def with_one(self, t_ns: int, R_WB: Rotations, p_WB: Vectors, R_first: Rotations, p_first: Vectors) -> "Clones":
         """The clones and a new one."""
         return Clones(
             np.append(self.t_ns, np.int64(t_ns)),

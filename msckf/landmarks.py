@@ -77,6 +77,4 @@ class Landmarks:
         both = self.and_others(others)
         order = np.arange(len(self))
         order[mask] = len(self) + np.arange(len(others))
-        return Landmarks(
-            both.keys[order], both.anchors[order], both.origins[order], both.frames[order], both.y[order]
-        )
+        return Landmarks(both.keys[order], both.anchors[order], both.origins[order], both.frames[order], both.y[order])

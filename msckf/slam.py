@@ -65,9 +65,7 @@ def move_anchors(state: FilterState, k: int) -> None:
     def moved(R: Rotations, p: Vectors) -> Vectors:
         return np.asarray((old.p_AF @ R[k].T + p[k] - p[to]) @ R[to])
 
-    new = Landmarks.at(
-        old.keys, np.full(n, clones.t_ns[to]), old.origins, moved(clones.R_WB, clones.p_WB)
-    )
+    new = Landmarks.at(old.keys, np.full(n, clones.t_ns[to]), old.origins, moved(clones.R_WB, clones.p_WB))
     R, p = state.linearisation_clones
     turn = R[to].T @ R[k]
     by_point = np.concatenate(
@@ -109,9 +107,7 @@ def update_landmarks(state: FilterState, observations: Observations, config: Vis
     return VisualOutcome(int(passed.sum()), int((~passed).sum()), nis, np.full(N, 2.0))
 
 
-def _predict(
-    state: FilterState, which: Stamps, cameras: Stamps, uv: Floats
-) -> tuple[Floats, Floats, Stamps, Floats]:
+def _predict(state: FilterState, which: Stamps, cameras: Stamps, uv: Floats) -> tuple[Floats, Floats, Stamps, Floats]:
     """Views of landmarks `which` (N,) from the newest clone.
 
     Returns:

@@ -96,7 +96,8 @@ def by_calibration(
 ) -> Floats:
     """(F, 2 V, n C) derivatives of the pixels by what is estimated of the cameras, n for each.
 
-    With J_B = H_f R_WB and y = p_BF - p_BC: d uv / d dtheta_BC = J_B [y]x R_BC, d uv / d dp_BC = -J_B. H_f (F, V, 2, 3).
+    With J_B = H_f R_WB and y = p_BF - p_BC: d uv / d dtheta_BC = J_B [y]x R_BC, d uv / d dp_BC = -J_B.
+    H_f is (F, V, 2, 3).
     """
     F, V = H_f.shape[:2]
     C, n = len(views.rig), estimated.camera_size
@@ -200,8 +201,8 @@ def chi_square_quantile(probability: float, dof: Floats | float) -> Floats:
 def compress(r: Floats, H: Floats) -> tuple[Floats, Floats]:
     """The same information in at most as many rows as columns: (m,), (m, n) to (min(m, n),), (min(m, n), n).
 
-    By the Cholesky factor of H^T H, after its columns are scaled to length one, which costs a fifth of a QR. It loses the
-    singular values of H below 1e-8 of the largest, and `_FLOOR` puts a little in their place, where the pixels say
+    By the Cholesky factor of H^T H, after its columns are scaled to length one, which costs a fifth of a QR. It loses
+    the singular values of H below 1e-8 of the largest, and `_FLOOR` puts a little in their place, where the pixels say
     nothing: about 2e-3 px/m, which over ten minutes knows a position to 30 m (docs/filter.md, section 4.7).
     """
     if H.shape[0] <= H.shape[1]:

@@ -100,7 +100,7 @@ class VisualWindow:
     def _measured(
         self, state: FilterState, views: Views, P: Floats | None = None, moved: Floats | None = None
     ) -> VisualMeasurement | None:
-        """What the views say at the present estimate; if that has moved since the covariance was `P`, of what it was."""
+        """What the views say at the present estimate; if it has moved since the covariance was `P`, of where it was."""
         columns, clones = state.seen_columns, state.clones
         poses = (clones.R_WB, clones.p_WB)
         linear = state.linearisation_clones if moved is None else poses

@@ -6,7 +6,6 @@ import numpy as np
 
 from msckf.config import FilterConfig
 from msckf.filter import Filter
-from msckf.frontend import Frontend
 from navcore.imu import ImuSamples
 from navcore.odometry import Run, run
 from navcore.sequence import Sequence
@@ -16,17 +15,6 @@ def fly(sequence: Sequence, prior=None, **settings) -> Run:
     """The filter over a recording; settings by dotted name with two underscores for the dot."""
     overrides = {name.replace("__", "."): value for name, value in settings.items()}
     return run(Filter(sequence.calibration, FilterConfig().with_overrides(overrides), prior), sequence)
-
-
-def share_features(monkeypatch) -> None:
-    """What two cameras of points mode call by the same number is one feature to the filter, not one for each camera."""
-    real = Frontend.observe
-
-    def observe(self, frame, R_B1B0, stages):
-        seen = real(self, frame, R_B1B0, stages)
-        return replace(seen, keys=np.concatenate([frame.tracks[c].ids for c in sorted(frame.tracks)]))
-
-    monkeypatch.setattr(Frontend, "observe", observe)
 
 
 def states(result: Run):

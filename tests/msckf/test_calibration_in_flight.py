@@ -17,7 +17,6 @@ from navcore import so3
 from navcore.odometry import Health, run
 from navcore.sequence import Sequence
 from sim.points import simulate_points
-from tests.msckf.flights import share_features
 
 SIGMAS = {"calibration.focal_sigma": 2.5, "calibration.centre_sigma": 2.5, "calibration.distortion_sigma": 0.005}
 SWITCHES = {
@@ -71,8 +70,7 @@ def learned(what: str, seed: int, seconds: float, cameras: int = 1):
 
 
 @pytest.mark.parametrize(("what", "cameras"), [("time", 1), ("poses", 1), ("lens", 1), ("all", 1), ("poses", 2)])
-def test_a_wrong_calibration_becomes_right_within_what_the_filter_claims(what, cameras, monkeypatch):
-    share_features(monkeypatch)
+def test_a_wrong_calibration_becomes_right_within_what_the_filter_claims(what, cameras):
     e, P, sigma_before = learned(what, 1, 15.0, cameras)
     sigma = np.sqrt(np.diagonal(P))
     assert np.abs(e / sigma).max() < 3.5
@@ -83,9 +81,8 @@ def test_a_wrong_calibration_becomes_right_within_what_the_filter_claims(what, c
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("what", "cameras"), [("time", 1), ("poses", 1), ("lens", 1), ("all", 1), ("poses", 2)])
-def test_the_calibration_is_as_well_known_as_the_filter_claims(what, cameras, monkeypatch):
+def test_the_calibration_is_as_well_known_as_the_filter_claims(what, cameras):
     """NEES over flights. With landmarks it is up to 1.5 times as sure as it should be (docs/filter.md, section 9)."""
-    share_features(monkeypatch)
     seeds = range(1, 31)
     flights = [learned(what, seed, 15.0, cameras) for seed in seeds]
     n = len(flights[0][0])

@@ -14,7 +14,6 @@ from msckf.state import FilterState
 from navcore import so3
 from navcore.odometry import run
 from sim.points import simulate_points
-from tests.msckf.flights import share_features
 
 E_Z = np.array([0.0, 0.0, 1.0])
 POSE_ONLY = {
@@ -201,8 +200,6 @@ def leaks(monkeypatch):
 @pytest.mark.parametrize("cameras", [1, 2])
 def test_landmarks_and_calibration_say_nothing_of_the_directions_either(leaks, cameras, monkeypatch):
     """Everything that happens in a flight with all of them in the state, at the points where it was linearised."""
-    if cameras == 2:
-        share_features(monkeypatch)
     fly(fej=True, cameras=cameras, **EVERYTHING)
     assert min(len(shares) for shares in leaks.values()) > 10
     assert {what for what, shares in leaks.items() if max(shares) > 1e-9} == set()
