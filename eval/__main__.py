@@ -3,13 +3,14 @@
 import json
 import sys
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
 import tyro
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 
 from eval import files, metrics
 from eval.alignment import Mode
@@ -153,6 +154,38 @@ def dataset(
     return 0 if results.state.isin(FINISHED).all() and not outcome.errors else 1
 
 
+def starts(
+    recordings: tyro.conf.Positional[tuple[Path, ...]],
+    times: int = 20,
+    prior: str = "none",
+    lead: float = 0.1,
+    out: Path = Path("results/starts"),
+    config: FilterConfig = FilterConfig(),  # noqa: B008
+) -> int:
+    """Start the filter from many times in recordings, or do what is left, and tabulate how soon and how well.
+
+    Args:
+        recordings: ASL folders or bags with truth, replays for instance.
+        times: starts of each, evenly over it.
+        prior: where bias priors come from, as for `python -m msckf run`.
+        lead: seconds of IMU before the first frame, for a prior that watches the motion.
+        out: folder of the results, a file for each start; what was stopped goes on there.
+        config: all settings of the filter.
+    """
+    from eval.datasets import differences
+    from eval.starts import Asked, measure_starts, starts_table
+
+    console = _console()
+    with Progress(
+        BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(), console=console
+    ) as bar:
+        task = bar.add_task("starts", total=len(recordings) * times)
+        asked = Asked(times, prior, differences(asdict(FilterConfig()), asdict(config)), lead)
+        scores = measure_starts(recordings, asked, out, lambda done, total: bar.update(task, completed=done))
+    console.print(starts_table(scores).rich())
+    return 0
+
+
 def report(folder: tyro.conf.Positional[Path]) -> int:
     """Write the report of a study anew, of as much as there is.
 
@@ -200,7 +233,7 @@ def main() -> int:
     """Parse the command line and do what it says."""
     commands: dict[str, Callable[..., int]] = {"score": score, "study": study, "benchmark": benchmark}
     commands |= {name: partial(dataset, name) for name in get_args(DatasetName)}
-    commands["report"] = report
+    commands |= {"starts": starts, "report": report}
     with command_line(EvalError, SimError, resumes=True):
         code: int = tyro.extras.subcommand_cli_from_dict(commands, prog="python -m eval")
         return code

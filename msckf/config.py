@@ -52,12 +52,20 @@ class StartConfig:
     mode: StartMode = "auto"
     static_s: float = 0.8  # s, quiet stretch that a static start needs
     static_disparity: float = 1.0  # px, motion of the image over that stretch
-    moving_s: float = 1.5  # s, window of a moving start
-    keyframe_s: float = 0.1  # s, spacing of its poses
+    moving_s: float = 3.0  # s, longest window of a moving start
+    least_moving_s: float = 0.8  # s, shortest
+    keyframe_s: float = 0.1  # s, spacing of its poses, wider where there would be more than `poses`
+    poses: int = 21  # in a window
+    features: int = 100  # in a window, those that were seen longest
+    gyro_noise: float = 3.0  # times what the calibration says, in a window: it knows no vibration
+    accel_noise: float = 8.0  # likewise
     gyro_bias_sigma: float = 0.1  # rad/s, without a device prior
     accel_bias_sigma: float = 0.2  # m/s^2, without a device prior
-    max_velocity_sigma: float = 0.15  # m/s, a moving start is accepted below it
+    max_velocity_sigma: float = 0.05  # m/s, a moving start is accepted below it
     max_tilt_sigma: float = 0.03  # rad, likewise
+    max_scale_sigma: float = 0.02  # of the window's path, likewise
+    patience_s: float = 2.6  # s, from this window on velocity and tilt may be known half as well, the scale not at all
+    max_cost: float = 1.5  # chi-square of the window by degree of freedom, likewise
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ class FeatureTable:
         """The columns (n C,) of some of the clones (n,)."""
         return np.asarray(clones[:, None] * self._cameras + np.arange(self._cameras)).ravel()
 
-    def views_of(self, rig: Rig, rows: Mask, clones: Stamps | None = None) -> Views:
+    def views_of(self, rig: Rig, rows: Mask | Stamps, clones: Stamps | None = None) -> Views:
         """The views of some of the features, from all or some of the clones."""
         columns = self.columns(np.arange(self.clones) if clones is None else clones)
         uv, seen = self.uv[rows][:, columns], self.seen[rows][:, columns]

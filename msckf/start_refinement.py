@@ -1,234 +1,238 @@
-"""The last step of a start in motion: poses, velocities and biases of a window, refined together.
+"""The last step of a start in motion: a window of poses and velocities, the biases and all points, refined together.
 
-A maximum a posteriori estimate by Gauss-Newton, docs/filter.md, section 6. Its covariance is the filter's first.
+A maximum a posteriori estimate by Levenberg-Marquardt over the normal equations, with the points eliminated one by one
+(docs/filter.md, section 6). Its covariance is the filter's first.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import cho_factor, cho_solve
 
-from msckf.blocks import ACCEL_BIAS, BIASES, GYRO_BIAS, POSITION, THETA, VELOCITY
-from msckf.config import StartConfig, VisionConfig
-from msckf.imu_buffer import Cells
-from msckf.propagation import Increment, integrate, noise_in_world, predict, transition
-from msckf.static_start import gravity_aligned
-from msckf.triangulation import triangulate
-from msckf.views import Views
-from msckf.visual import linearise, split
-from navcore import so3
-from navcore.arrays import Floats, Mask, Rotations, Vectors
-from navcore.imu import ImuNoise
-from navcore.odometry import State
-from navcore.prior import BiasPrior
+from msckf.blocks import VELOCITY
+from msckf.start_bundle import Bundle, Points, Sight, last_origins
+from msckf.start_inertia import Inertia, Path, Window
+from navcore.arrays import Floats
 
-_STEPS = 12
-_GAUGE_SIGMA = 1e-6  # m and rad, position and yaw of the first pose
-_FREE_VELOCITY_SIGMA = 10.0  # m/s
+_STEPS = 12  # of each of the two rounds
+_LEAST_FEATURES = 8
+_SPEED_SIGMA = 10.0  # m/s, of a velocity that nothing is known of
 _MAX_SPEED = 50.0  # m/s, past it the refinement has run away
-_MIN_FEATURES = 8
-_GATE = 3.5  # pixel noises, rms reprojection error of a feature that is kept
-_MAX_COST_PER_DOF = 4.0  # of a start that is accepted
+_CAUCHY = 3.0  # pixel noises, from which on a feature counts less
+_GATE = 4.0  # pixel noises, rms reprojection error of a feature that stays for the second round
+_CORRELATION = 2.0  # errors of a track are alike from frame to frame: as much more noise as the residuals show
+_LEAST_NOISE = 0.25  # px, no track is better
+_SETTLED = (0.05, 1e-4)  # change of the cost, absolute and relative
+_DAMPING = (1e-5, 1e-9)  # of the first step, and the least
 
 
 @dataclass(frozen=True)
-class Window:
-    """What a start in motion looks at.
+class Refined:
+    """A window that was refined.
 
     Attributes:
-        cells: IMU between consecutive poses, K - 1 of them.
-        views: features over the K poses.
-        noise: of the IMU.
-        device: what is known of the biases beforehand.
+        path, points: the estimate.
+        covariance: (9 K + 6, 9 K + 6) of its error, in the order of `Path.moved`; position and yaw of the last
+            pose have none: they are the gauge.
+        cost: chi-square of features, IMU and what was known beforehand, at the pixel noise that was assumed first.
+        dof: its degrees of freedom.
+        pixel_noise: px, as the window shows it.
     """
 
-    cells: list[Cells]
-    views: Views
-    noise: ImuNoise
-    device: BiasPrior
-
-    def integrate(self, b_g: Vectors, b_a: Vectors) -> list[Increment]:
-        """The increments between the poses."""
-        return [integrate(cells, b_g, b_a, self.noise) for cells in self.cells]
+    path: Path
+    points: Points
+    covariance: Floats
+    cost: float
+    dof: float
+    pixel_noise: float
 
 
 @dataclass(frozen=True)
-class StartResult:
-    """A start, or the reason why there is none.
+class _Normal:
+    """Normal equations N dx = b of path and points, at some path and points.
 
     Attributes:
-        state: at the window's last pose, in a frame with the first pose at the origin and yaw 0; or None.
-        reason: empty if there is a state.
+        N, b: (n, n), (n,) of the path alone.
+        N_fx: (F, 3, 6 K) of a point and all poses; N_f: (F, 3, 3); b_f: (F, 3).
+        cost: of robust weights.
+        rms: (F,) px, reprojection error; infinite for a point behind a camera.
     """
 
-    state: State | None
-    reason: str = ""
-
-
-@dataclass
-class Path:
-    """Poses, velocities and biases at the window's poses."""
-
-    R: Rotations  # (K, 3, 3)
-    p: Vectors  # (K, 3)
-    v: Vectors  # (K, 3)
-    b_g: Vectors  # (K, 3)
-    b_a: Vectors  # (K, 3)
-
-
-@dataclass(frozen=True)
-class _System:
-    """Whitened least squares: minimise |A dx - b|^2.
-
-    Attributes:
-        A, b: rows of the gauge, the prior, the IMU and the features.
-        cost: squared whitened residuals at dx = 0, those that compression left out included.
-        rms: (F,) px, reprojection error of each feature; triangulated: (F,) whether it has one.
-    """
-
-    A: Floats
+    N: Floats
     b: Floats
+    N_fx: Floats
+    N_f: Floats
+    b_f: Floats
     cost: float
     rms: Floats
-    triangulated: Mask
 
 
-def path_from(increments: list[Increment], v_B: Vectors, g_B: Vectors, b_g: Vectors, b_a: Vectors) -> Path:
-    """The path that follows from velocity and gravity at the first pose."""
-    R = gravity_aligned(-g_B)
-    poses = [(R, np.zeros(3), R @ v_B)]
-    for increment in increments:
-        poses.append(predict(*poses[-1], increment))
-    K = len(poses)
-    R_all, p_all, v_all = (np.stack([pose[i] for pose in poses]) for i in range(3))
-    return Path(R_all, p_all, v_all, np.tile(b_g, (K, 1)), np.tile(b_a, (K, 1)))
+class _Problem:
+    """The least squares problem of a window."""
+
+    def __init__(self, window: Window, bundle: Bundle, inertia: Inertia, pixel_noise: float) -> None:
+        self.bundle, self.pixel_noise = bundle, pixel_noise
+        self.count = bundle.seen.sum(axis=1)
+        self._device, self._inertia = window.device, inertia
+        self._information = np.linalg.inv(window.device.covariance)
+        K = bundle.poses
+        self._poses = (9 * np.arange(K)[:, None] + np.arange(6)).ravel()  # dtheta, dp of all
+        self._last = slice(9 * (K - 1), 9 * (K - 1) + 3)  # dtheta of the last pose
+        self._free = np.delete(np.arange(9 * K + 6), self._last.start + np.arange(2, 6))
+
+    def linearise(self, path: Path, points: Points) -> _Normal:
+        """The normal equations."""
+        N, b, cost = self._of_the_path(path)
+        sight = Sight.of(self.bundle, path.R, path.p, points)
+        F, V, K, s = len(self.bundle.seen), len(self.bundle.pose), self.bundle.poses, self.pixel_noise
+        rms = np.sqrt(np.sum(sight.r**2, axis=(1, 2)) / self.count)
+        bounded = np.where(sight.behind, 1e3, rms)
+        weight = 1.0 / (s * np.sqrt(1.0 + (bounded / (_CAUCHY * s)) ** 2))[:, None, None]
+        r, H_x, H_f = sight.r * weight, sight.H_x * weight[..., None], sight.H_f * weight[..., None]
+        cost += float(np.sum(self.count * _CAUCHY**2 * np.log1p((bounded / (_CAUCHY * s)) ** 2)))
+
+        by_view = np.swapaxes(H_x, 0, 1).reshape(V, 2 * F, 6)
+        N_x = np.swapaxes(by_view, -1, -2) @ by_view
+        b_x = (np.swapaxes(by_view, -1, -2) @ np.swapaxes(r, 0, 1).reshape(V, 2 * F, 1))[..., 0]
+        C = V // K  # views of a pose are side by side
+        blocks = np.zeros((K, 6, K, 6))
+        blocks[np.arange(K), :, np.arange(K)] = N_x.reshape(K, C, 6, 6).sum(axis=1)
+        N[np.ix_(self._poses, self._poses)] += blocks.reshape(6 * K, 6 * K)
+        b[self._poses] += b_x.reshape(K, C, 6).sum(axis=1).ravel()
+        N_fx = (np.swapaxes(H_f, -1, -2) @ H_x).reshape(F, K, C, 3, 6).sum(axis=2)
+        N_fx = np.swapaxes(N_fx, 1, 2).reshape(F, 3, 6 * K)
+        N_f, b_f, unlikely = self._of_the_points(points, H_f, r, 1.0)
+        return _Normal(N, b, N_fx, N_f, b_f, cost + unlikely, np.where(sight.behind, np.inf, rms))
+
+    def _of_the_path(self, path: Path) -> tuple[Floats, Floats, float]:
+        """What was known beforehand and what the IMU says."""
+        K = len(path.R)
+        N, b = np.zeros((9 * K + 6, 9 * K + 6)), np.zeros(9 * K + 6)
+        e = self._device.vector - np.concatenate([path.b_g, path.b_a])
+        N[-6:, -6:] = self._information
+        b[-6:] = self._information @ e
+        N[VELOCITY, VELOCITY] = np.eye(3) / _SPEED_SIGMA**2
+        b[VELOCITY] = -path.v[0] / _SPEED_SIGMA**2
+        r, H = self._inertia.residuals(path)
+        H_T = np.swapaxes(H, -1, -2)
+        N_k, b_k = H_T @ H, (H_T @ r[..., None])[..., 0]
+        for k in range(K - 1):
+            i = np.r_[9 * k : 9 * k + 18, 9 * K : 9 * K + 6]
+            N[np.ix_(i, i)] += N_k[k]
+            b[i] += b_k[k]
+        cost = e @ self._information @ e + path.v[0] @ path.v[0] / _SPEED_SIGMA**2 + np.sum(r * r)
+        return N, b, float(cost)
+
+    def _of_the_points(self, points: Points, H_f: Floats, r: Floats, noise: float) -> tuple[Floats, Floats, float]:
+        """Normal equations of the points alone, from rows whose noise is `noise`, and how unlikely their ranges are."""
+        F = len(r)
+        H, residuals = H_f.reshape(F, -1, 3), r.reshape(F, -1, 1)
+        H_T = np.swapaxes(H, -1, -2)
+        N_f, b_f = H_T @ H, (H_T @ residuals)[..., 0]
+        e, w = points.range_residual, (noise / points.INVERSE_RANGE_SIGMA) ** 2
+        N_f[:, 2, 2] += w
+        b_f[:, 2] += w * e
+        N_f += 1e-6 * np.eye(3)
+        return N_f, b_f, float(e @ e) * w
+
+    def fitted(self, path: Path, points: Points) -> Points:
+        """The points after a Gauss-Newton step of their own: a path that was stretched needs them stretched, too."""
+        sight = Sight.of(self.bundle, path.R, path.p, points, by_poses=False)
+        N_f, b_f, _ = self._of_the_points(points, sight.H_f, sight.r, self.pixel_noise)
+        return points.moved(np.asarray(np.linalg.solve(N_f, b_f[..., None])[..., 0]), points.origin)
+
+    def step(self, normal: _Normal, path: Path, damping: float) -> tuple[Floats, Floats]:
+        """Levenberg-Marquardt's step of path (n,) and points (F, 3)."""
+        N, b, whiten, G, c = self._without_points(normal, path, damping)
+        N[np.diag_indices_from(N)] *= 1.0 + damping
+        scale = 1.0 / np.sqrt(np.diagonal(N))
+        dx = np.zeros(len(normal.b))
+        dx[self._free] = scale * cho_solve(cho_factor(N * scale[:, None] * scale, lower=True), scale * b)
+        dx[self._last] = path.R[-1].T @ dx[self._last]
+        left = c - G @ dx[self._poses]
+        df: Floats = (np.swapaxes(whiten, -1, -2) @ left[..., None])[..., 0]
+        return dx, df
+
+    def covariance(self, normal: _Normal, path: Path) -> Floats:
+        """(n, n) of the path."""
+        N = self._without_points(normal, path, 0.0)[0]
+        scale = 1.0 / np.sqrt(np.diagonal(N))
+        P = np.zeros((len(normal.b), len(normal.b)))
+        P[np.ix_(self._free, self._free)] = np.linalg.inv(N * scale[:, None] * scale) * scale[:, None] * scale
+        P[self._last] = path.R[-1].T @ P[self._last]
+        P[:, self._last] = P[:, self._last] @ path.R[-1]
+        return P
+
+    def _without_points(
+        self, normal: _Normal, path: Path, damping: float
+    ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+        """Points and gauge eliminated: N, b of what is free, and L^-1 (F, 3, 3), L^-1 N_fx, L^-1 b_f with N_f = L L^T.
+
+        The last pose turns about the axes of W here, so that its yaw is a column that can be left out.
+        """
+        whiten = np.linalg.inv(np.linalg.cholesky(normal.N_f * (1.0 + damping * np.eye(3))))
+        G, c = whiten @ normal.N_fx, (whiten @ normal.b_f[..., None])[..., 0]
+        flat = G.reshape(-1, G.shape[-1])
+        N, b, R = normal.N.copy(), normal.b.copy(), path.R[-1]
+        N[np.ix_(self._poses, self._poses)] -= flat.T @ flat
+        b[self._poses] -= flat.T @ c.ravel()
+        N[self._last] = R @ N[self._last]
+        N[:, self._last] = N[:, self._last] @ R.T
+        b[self._last] = R @ b[self._last]
+        return N[np.ix_(self._free, self._free)], b[self._free], whiten, G, c
 
 
-def refine(window: Window, path: Path, config: StartConfig, vision: VisionConfig) -> StartResult:
-    """Gauss-Newton over all poses, velocities and biases; features are projected out as in the filter."""
-    views = window.views
-    previous, damping = np.inf, 1e-3
-    for step in range(_STEPS):
-        system = _linearise(window, views, path, vision)
-        if system is None:
-            return StartResult(None, "features cannot be triangulated")
-        if step >= 2:  # the path is near: outliers stand out
-            keep = ~system.triangulated | (system.rms < _GATE * vision.pixel_noise)
-            if not keep.all():
-                views = views.rows(keep)
-                if len(views.uv) < _MIN_FEATURES:
-                    return StartResult(None, "features do not fit one motion")
-                previous = np.inf
-                continue
-        if step >= 3 and abs(previous - system.cost) < 1e-3 * system.cost:
-            return _accept(path, system, views, config)
-        damping = damping * 0.1 if system.cost < previous else damping * 10.0
-        previous = system.cost
-        dx = _damped_step(system, damping)
-        _move(path, dx)
-        if not np.isfinite(dx).all() or np.abs(path.v).max() > _MAX_SPEED:
-            return StartResult(None, "refinement runs away")
-    return StartResult(None, "refinement does not settle")
+def refine(window: Window, path: Path, pixel_noise: float) -> Refined | str:
+    """Refine a window from a path, in two rounds; a few words why not if it fails.
+
+    After the first, features that do not fit go, and the pixel noise is what the others show: never more than
+    `pixel_noise` unless their scatter itself is.
+    """
+    inertia = Inertia.of(window)
+    problem = _Problem(window, window.bundle, inertia, pixel_noise)
+    first = _settled(problem, path, Points.triangulated(window.bundle, path.R, path.p))
+    if isinstance(first, str):
+        return first
+    path, points, normal = first
+    keep = normal.rms < _GATE * pixel_noise
+    if keep.sum() < _LEAST_FEATURES:
+        return "features do not fit one motion"
+    bundle = window.bundle.rows(keep)
+    shown = _shown_noise(normal.rms[keep], problem.count[keep])
+    noise = max(min(_CORRELATION * shown, pixel_noise), shown, _LEAST_NOISE)
+    problem = _Problem(window, bundle, inertia, noise)
+    second = _settled(problem, path, points.rows(keep))
+    if isinstance(second, str):
+        return second
+    path, points, final = second
+    dof = max(2.0 * bundle.seen.sum() - 3.0 * len(bundle.seen) - 5.0, 1.0)
+    return Refined(path, points, problem.covariance(final, path), normal.cost, dof, noise)
 
 
-def _damped_step(system: _System, damping: float) -> Floats:
-    """Levenberg-Marquardt's step, damped by the columns' own scale."""
-    scale = np.linalg.norm(system.A, axis=0)
-    n = len(scale)
-    damped = np.vstack([system.A / scale, np.sqrt(damping) * np.eye(n)])
-    Q, R = np.linalg.qr(damped)
-    step: Floats = solve_triangular(R, Q.T @ np.concatenate([system.b, np.zeros(n)])) / scale
-    return step
+def _shown_noise(rms: Floats, count: Floats) -> float:
+    """Pixel noise, per axis, behind the rms errors (F,) of features with so many views: the middle one's."""
+    return float(np.median(rms / np.sqrt(2.0 - 3.0 / count)))
 
 
-def _linearise(window: Window, views: Views, path: Path, vision: VisionConfig) -> _System | None:
-    """The system at `path`, or None if too few features can be triangulated."""
-    points = triangulate(views, path.R, path.p, vision)
-    if points.valid.sum() < _MIN_FEATURES:
-        return None
-    A_v, b_v, rest = _visual_rows(views.rows(points.valid), path, points.p_WF[points.valid], points.rms, vision)
-    parts = [_prior_rows(path, window.device), (A_v, b_v)]
-    parts += [_imu_rows(window, path, k) for k in range(len(path.R) - 1)]
-    A, b = np.vstack([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
-    return _System(A, b, float(b @ b) + rest, points.rms, points.valid)
-
-
-def _prior_rows(path: Path, device: BiasPrior) -> tuple[Floats, Floats]:
-    """The gauge (position and yaw of the first pose), a hardly known velocity, what is known of the biases."""
-    n = 15 * len(path.R)
-    gauge = np.zeros((4, n))
-    gauge[0:3, POSITION] = np.eye(3)
-    gauge[3, THETA] = path.R[0][2]  # yaw: rotation about W's z
-    speed = np.zeros((3, n))
-    speed[:, VELOCITY] = np.eye(3)
-    bias = np.zeros((6, n))
-    bias[:, BIASES] = np.eye(6)
-    W = np.linalg.inv(np.linalg.cholesky(device.covariance))
-    unexplained = device.vector - np.concatenate([path.b_g[0], path.b_a[0]])
-    A = np.vstack([gauge / _GAUGE_SIGMA, speed / _FREE_VELOCITY_SIGMA, W @ bias])
-    b = [-path.p[0] / _GAUGE_SIGMA, np.zeros(1), -path.v[0] / _FREE_VELOCITY_SIGMA, W @ unexplained]
-    return A, np.concatenate(b)
-
-
-def _imu_rows(window: Window, path: Path, k: int) -> tuple[Floats, Floats]:
-    """What the IMU says about poses k and k + 1."""
-    increment = integrate(window.cells[k], path.b_g[k], path.b_a[k], window.noise)
-    start = (path.R[k], path.p[k], path.v[k])
-    end = predict(*start, increment)
-    Phi, Q = transition(increment, start, end), noise_in_world(increment, path.R[k])
-    rotation = so3.log(end[0].T @ path.R[k + 1])
-    biases = (path.b_g[k + 1] - path.b_g[k], path.b_a[k + 1] - path.b_a[k])
-    r = np.concatenate([rotation, path.p[k + 1] - end[1], path.v[k + 1] - end[2], *biases])
-    sigma = np.sqrt(np.diagonal(Q)) + 1e-9
-    W = np.linalg.inv(np.linalg.cholesky(Q / np.outer(sigma, sigma) + 1e-9 * np.eye(15))) / sigma
-    A = np.zeros((15, 15 * len(path.R)))
-    A[:, 15 * k : 15 * (k + 1)] = -W @ Phi
-    A[:, 15 * (k + 1) : 15 * (k + 2)] = W
-    A[:, 15 * (k + 1) : 15 * (k + 1) + 3] = W[:, :3] @ so3.right_jacobian_inverse(rotation)
-    return A, -W @ r
-
-
-def _visual_rows(
-    views: Views, path: Path, features: Vectors, rms: Floats, vision: VisionConfig
-) -> tuple[Floats, Floats, float]:
-    """What the features say about the poses, compressed, and the squared residual that no pose can explain."""
-    K = len(path.R)
-    r, H_x, H_f, _ = linearise(views, path.R, path.p, path.R, path.p, features)
-    parts = split(views, r, H_x, H_f)
-    s = vision.pixel_noise
-    weight = 1.0 / (s * np.sqrt(1.0 + (rms[np.isfinite(rms)] / (3.0 * s)) ** 2))  # Cauchy's, per feature
-    H, r = parts.H * weight[:, None, None], parts.r * weight[:, None]
-    stacked = np.column_stack([H.reshape(-1, 6 * K), r.ravel()])
-    R_factor: Floats = np.linalg.qr(stacked, mode="r")  # type: ignore[assignment]
-    m = min(len(R_factor), 6 * K)
-    A = np.zeros((m, 15 * K))
-    A[:, (15 * np.arange(K)[:, None] + np.arange(6)).ravel()] = R_factor[:m, : 6 * K]
-    return A, R_factor[:m, 6 * K], float(np.sum(R_factor[m:, 6 * K] ** 2))
-
-
-def _move(path: Path, dx: Floats) -> None:
-    d = dx.reshape(-1, 15)
-    path.R = so3.normalise(path.R @ so3.exp(d[:, THETA]))
-    path.p = path.p + d[:, POSITION]
-    path.v = path.v + d[:, VELOCITY]
-    path.b_g = path.b_g + d[:, GYRO_BIAS]
-    path.b_a = path.b_a + d[:, ACCEL_BIAS]
-
-
-def _accept(path: Path, system: _System, views: Views, config: StartConfig) -> StartResult:
-    """The last state with its covariance, if it is known well enough."""
-    scale = np.linalg.norm(system.A, axis=0)
-    n = len(scale)
-    R_factor: Floats = np.linalg.qr(system.A / scale, mode="r")  # type: ignore[assignment]
-    last = solve_triangular(R_factor, np.eye(n)[:, -15:], trans="T")  # columns of R^-T
-    P = (last.T @ last) / np.outer(scale[-15:], scale[-15:])
-    R_WB = path.R[-1]
-    velocity_sigma = float(np.sqrt(np.diagonal(P)[VELOCITY].max()))
-    tilt_sigma = float(np.sqrt(np.diagonal(R_WB @ P[THETA, THETA] @ R_WB.T)[:2].max()))
-    if not np.isfinite(P).all() or velocity_sigma > config.max_velocity_sigma or tilt_sigma > config.max_tilt_sigma:
-        return StartResult(None, f"velocity known to {velocity_sigma:.2f} m/s, tilt to {tilt_sigma:.3f} rad only")
-    seen = views.seen[system.triangulated]
-    dof = max(2.0 * seen.sum() - 3.0 * len(seen), 1.0)
-    if system.cost / dof > _MAX_COST_PER_DOF:
-        return StartResult(None, f"features and IMU disagree: cost {system.cost / dof:.1f} per degree of freedom")
-    return StartResult(State(R_WB, path.p[-1], path.v[-1], path.b_g[-1], path.b_a[-1], 0.5 * (P + P.T)))
+def _settled(problem: _Problem, path: Path, points: Points) -> tuple[Path, Points, _Normal] | str:
+    """Levenberg-Marquardt until the cost does not change any more."""
+    normal, damping = problem.linearise(path, points), _DAMPING[0]
+    for _ in range(_STEPS):
+        try:
+            dx, df = problem.step(normal, path, damping)
+        except np.linalg.LinAlgError:
+            return "motion does not determine the state"
+        trial = path.moved(dx)
+        if not np.isfinite(dx).all() or np.abs(trial.v).max() > _MAX_SPEED:
+            return "refinement runs away"
+        moved = points.moved(df, last_origins(problem.bundle, trial.R, trial.p))
+        moved = problem.fitted(trial, moved)
+        new = problem.linearise(trial, moved)
+        gain = normal.cost - new.cost
+        if gain >= 0.0:
+            path, points, normal, damping = trial, moved, new, max(0.03 * damping, _DAMPING[1])
+        else:
+            damping *= 10.0
+        if abs(gain) < _SETTLED[0] + _SETTLED[1] * normal.cost:
+            return path, points, normal
+    return "refinement does not settle"

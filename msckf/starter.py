@@ -11,14 +11,17 @@ from msckf.frontend import Observations
 from msckf.imu_buffer import ImuBuffer
 from msckf.moving_start import moving_start
 from msckf.prior_update import StartingBias
-from msckf.standstill import image_motion, imu_is_quiet
-from msckf.start_refinement import Window
-from msckf.static_start import static_start
+from msckf.standstill import image_motion
+from msckf.start_bundle import Bundle
+from msckf.start_inertia import Window
+from msckf.static_start import force_surprise, is_steady, static_start
 from msckf.views import Rig
+from navcore.arrays import Mask, Stamps, Vectors
 from navcore.calibration import Calibration
 from navcore.odometry import State
 
 _ATTEMPT_S = 0.2  # between attempts of a moving start
+_MAX_SURPRISE = 4.0  # standard deviations by which the force at rest may differ from gravity
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,7 @@ class Starter:
         self._t_ns: list[int] = []
         self._last_attempt_ns: int | None = None
         self._last_reason = "collecting images"
+        self._gyro_bias: Vectors | None = None  # what the last window said of it
 
     def attempt(self, t_ns: int, observations: Observations, buffer: ImuBuffer, bias: StartingBias) -> Start:
         """Take the observations of a frame at IMU time `t_ns` and try to start there."""
@@ -64,7 +68,7 @@ class Starter:
         if self._t_ns[0] > begin_ns + 1_000_000 or (buffer.oldest_ns or 0) > begin_ns + 10_000_000:
             return Start(None, "collecting images")
         gyro, accel = buffer.samples(begin_ns, t_ns)
-        if not imu_is_quiet(buffer, t_ns, c.standstill, c.start.static_s):
+        if not is_steady(gyro, accel, self._noise.rate_hz, c.standstill):
             return Start(None, "not standing still")
         k = int(np.searchsorted(self._t_ns, begin_ns - 1_000_000))
         moved = image_motion(*self._table.followed(k, self._table.clones - 1))
@@ -72,31 +76,46 @@ class Starter:
             return Start(None, "too few features are followed")
         if moved > c.start.static_disparity:
             return Start(None, "not standing still")
+        if force_surprise(accel, bias.device) > _MAX_SURPRISE:
+            return Start(None, "the force at rest is not gravity")
         return Start(static_start(gyro, accel, self._noise, bias.device), "")
 
     def _moving(self, t_ns: int, buffer: ImuBuffer, bias: StartingBias) -> Start:
         c = self._config.start
-        columns = self._keyframes(t_ns)
-        if columns is None:
+        keyframes = self._keyframes(t_ns)
+        if keyframes is None:
             return Start(None, "collecting images")
         if self._last_attempt_ns is not None and t_ns - self._last_attempt_ns < _ATTEMPT_S * 1e9 - 1e6:
             return Start(None, self._last_reason)
         self._last_attempt_ns = t_ns
-        keyframes = np.array(columns)
-        rows = self._table.seen[:, self._table.columns(keyframes)].sum(axis=1) >= self._config.vision.min_views
-        views = self._table.views_of(self._rig, rows, keyframes)
-        times = [self._t_ns[k] for k in columns]
+        seen_from = self._table.seen_from[:, keyframes]
+        rows = self._chosen(seen_from.sum(axis=1), seen_from[:, -1])
+        views = self._table.views_of(self._rig, rows, np.array(keyframes))
+        times = [self._t_ns[k] for k in keyframes]
         cells = [buffer.cells(a, b) for a, b in pairwise(times)]
-        result = moving_start(Window(cells, views, self._noise, bias.device), c, self._config.vision)
+        window = Window(cells, Bundle.of(views), self._noise, bias.device)
+        result = moving_start(window, c, self._config.vision.pixel_noise, self._gyro_bias)
+        self._gyro_bias = result.b_g if result.b_g is not None else self._gyro_bias
         self._last_reason = result.reason
         return Start(result.state, result.reason)
 
+    def _chosen(self, count: Stamps, alive: Mask) -> Stamps:
+        """Features (F,) that were seen longest: most of those that are still followed, some that are not."""
+        most = self._config.start.features
+        known = np.flatnonzero(count >= self._config.vision.min_views)
+        known = known[np.argsort(-count[known], kind="stable")]
+        first = known[alive[known]][: 2 * most // 3]
+        others = known[~np.isin(known, first)][: most - len(first)]
+        return np.sort(np.concatenate([first, others]))
+
     def _keyframes(self, t_ns: int) -> list[int] | None:
-        """Columns about `keyframe_s` apart that end with the newest and span `moving_s`; None if there are too few."""
+        """Poses evenly apart, that end with the newest and go back as far as they may; None if there are too few."""
         c = self._config.start
-        wanted = t_ns - np.arange(round(c.moving_s / c.keyframe_s), -1, -1) * round(c.keyframe_s * 1e9)
         times = np.array(self._t_ns)
-        if times[0] > wanted[0] + 0.5e9 * c.keyframe_s:
+        reach_s = min((t_ns - times[0]) * 1e-9, c.moving_s)
+        if reach_s < c.least_moving_s - 0.5 * c.keyframe_s:
             return None
+        step_s = max(c.keyframe_s, reach_s / (c.poses - 1))
+        wanted = t_ns - np.arange(int(reach_s / step_s + 0.5), -1, -1) * round(step_s * 1e9)
         columns = sorted({int(np.argmin(np.abs(times - w))) for w in wanted})
         return columns if len(columns) >= 5 else None

@@ -40,8 +40,8 @@ def triangulate(views: Views, R_WB: Rotations, p_WB: Vectors, config: VisionConf
 
     A feature is x = (across, across, inverse range) from the last view that saw it (Montiel et al. 2006, "Unified
     inverse depth parametrization", eq. 3). Its direction from any view, times the inverse range, is linear in x, so
-    what of it lies across the ray that was seen is, too: least squares, with weights by the range that the step before gave
-    (Hartley and Sturm 1997, "Triangulation", section 4.2). Nothing needs a first guess or goes astray at infinity.
+    what of it lies across the ray that was seen is, too: least squares, with weights by the range that the step before
+    gave (Hartley and Sturm 1997, "Triangulation", section 4.2). Nothing needs a first guess or goes astray at infinity.
 
     A feature without parallax would get a distance made of noise, and pretend to know the translation by it. It is
     put at `_FAR` instead: there it hardly depends on the translation, and what its true distance adds to the residual

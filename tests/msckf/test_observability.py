@@ -157,7 +157,7 @@ def test_every_transition_carries_the_directions_on(monkeypatch):
         return Phi
 
     monkeypatch.setattr(msckf.state, "transition", transition)
-    fly(fej=True, seconds=4.0)
+    fly(fej=True, seconds=5.0)
     assert len(worst) > 40
     assert max(worst) < 1e-9
 
