@@ -15,7 +15,10 @@ StartMode = Literal["auto", "static", "moving", "truth"]
 class VisionConfig:
     """Measurements of features over the window of clones."""
 
-    pixel_noise: float = 1.0  # px, standard deviation of a feature's position in one image
+    pixel_noise: float = 1.0  # px, standard deviation of a feature's position in one image, to begin with
+    adapt_noise: bool = True  # follow it by the innovations
+    least_noise: float = 0.5  # px, bounds of that
+    most_noise: float = 4.0
     clones: int = 11  # poses in the window
     min_views: int = 4  # views that a feature needs to be used
     min_parallax: float = 3.0  # standard deviations by which an inverse range must exceed zero to be believed

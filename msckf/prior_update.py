@@ -8,7 +8,7 @@ import numpy as np
 from msckf.blocks import BIASES
 from msckf.config import PriorConfig, StartConfig
 from msckf.state import FilterState
-from msckf.visual import chi_square_quantile
+from msckf.chi_square import chi_square_quantile
 from navcore.arrays import Floats
 from navcore.imu import ImuNoise, ImuSamples
 from navcore.prior import BiasPrior, BiasPriorSource

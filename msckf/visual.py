@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.special import gammaincinv
 
+from msckf.chi_square import chi_square_quantile
 from msckf.config import VisionConfig
 from msckf.estimated import Estimated
 from msckf.triangulation import Triangulated, triangulate
@@ -191,11 +191,6 @@ def normalised_innovations(r: Floats, H: Floats, P: Floats, pixel_noise: float) 
     m = np.arange(S.shape[1])
     S[:, m, m] += pixel_noise**2
     return np.asarray(np.einsum("fi,fi->f", r, np.linalg.solve(S, r[..., None])[..., 0]))
-
-
-def chi_square_quantile(probability: float, dof: Floats | float) -> Floats:
-    """The value that a chi-square variable stays below with this probability."""
-    return np.asarray(2.0 * gammaincinv(np.asarray(dof) / 2.0, probability))
 
 
 def compress(r: Floats, H: Floats) -> tuple[Floats, Floats]:

@@ -1,11 +1,14 @@
 """The sliding window: clones come and go, and features that end become measurements (docs/filter.md, section 4)."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from msckf.blocks import VELOCITY
 from msckf.config import VisionConfig
 from msckf.features import FeatureTable
 from msckf.frontend import Observations
+from msckf.pixel_noise import PixelNoise
 from msckf.slam import add_landmarks, move_anchors, promotable, update_landmarks
 from msckf.standstill import image_motion
 from msckf.state import FilterState
@@ -21,8 +24,14 @@ class VisualWindow:
     """Features over the clones of a filter state."""
 
     def __init__(self, cameras: int, config: VisionConfig) -> None:
-        self.config = config
+        self._asked = config
+        self.noise = PixelNoise(config)
         self.table = FeatureTable(cameras)
+
+    @property
+    def config(self) -> VisionConfig:
+        """The settings, with the pixel noise as it is."""
+        return replace(self._asked, pixel_noise=self.noise.sigma)
 
     def disparity(self, observations: Observations) -> float | None:
         """Motion of the image [px] since the newest clone, or None if too few features are common."""
@@ -80,6 +89,8 @@ class VisualWindow:
         m = self._settled(state, views) if unsure else self._measured(state, views)
         if m is None:
             return VisualOutcome()
+        if not unsure:
+            self.noise.learn(m.nis, m.dof)
         where = np.flatnonzero(chosen)
         promoted = lasting[where[m.used]] & promotable(m, config) & (not unsure)
         promoted &= np.cumsum(promoted) <= config.landmarks - len(state.landmarks)

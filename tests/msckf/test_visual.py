@@ -12,9 +12,9 @@ from scipy.stats import chi2
 from msckf.config import VisionConfig
 from msckf.estimated import Estimated
 from msckf.views import Rig, Views
+from msckf.chi_square import chi_square_quantile
 from msckf.visual import (
     by_calibration,
-    chi_square_quantile,
     compress,
     linearise,
     measure,

@@ -1,0 +1,35 @@
+"""How noisy the features' positions are, as their innovations tell (docs/filter.md, section 4.7)."""
+
+import numpy as np
+
+from msckf.chi_square import chi_square_quantile
+from msckf.config import VisionConfig
+from navcore.arrays import Floats
+
+_FEATURES = 5  # at a frame, fewer tell nothing
+_SLOWEST = 0.02  # share that a frame has in the estimate, in the long run
+_QUICKEST = 0.2  # and at the beginning
+_LARGEST = 1.0  # step of log(NIS) that is believed of one frame
+
+
+class PixelNoise:
+    """Follows the standard deviation under which the median NIS of the features is what it should be.
+
+    The median, since a share of features is always on things that move or follow the wrong point.
+    """
+
+    def __init__(self, config: VisionConfig) -> None:
+        self._config = config
+        self._frames = 0
+        self.sigma = config.pixel_noise  # px
+
+    def learn(self, nis: Floats, dof: Floats) -> None:
+        """Take what one frame's features (N,) showed, refused ones included, at the present noise."""
+        c = self._config
+        if not c.adapt_noise or len(nis) < _FEATURES:
+            return
+        self._frames += 1
+        share = max(_SLOWEST, _QUICKEST / np.sqrt(self._frames))
+        surprise = float(np.log(np.median(nis / chi_square_quantile(0.5, dof)) + 1e-9))
+        step = 0.5 * share * float(np.clip(surprise, -_LARGEST, _LARGEST))
+        self.sigma = float(np.clip(self.sigma * np.exp(step), c.least_noise, c.most_noise))
