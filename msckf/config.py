@@ -39,7 +39,7 @@ class CalibrationConfig:
 
     extrinsics: bool = True  # where the cameras sit
     rotation_sigma: float = 0.005  # rad
-    position_sigma: float = 0.01  # m
+    position_sigma: float = 0.003  # m
     time_offset: bool = False  # between camera and IMU, one for all cameras
     time_sigma: float = 0.005  # s
     intrinsics: bool = False  # how the cameras project

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from msckf.blocks import BIASES
+from msckf.chi_square import chi_square_quantile
 from msckf.config import PriorConfig, StartConfig
 from msckf.state import FilterState
-from msckf.chi_square import chi_square_quantile
 from navcore.arrays import Floats
 from navcore.imu import ImuNoise, ImuSamples
 from navcore.prior import BiasPrior, BiasPriorSource

@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from msckf.chi_square import chi_square_quantile
 from msckf.config import VisionConfig
 from msckf.frontend import Observations
 from msckf.landmarks import Landmarks
 from msckf.state import FilterState
-from msckf.chi_square import chi_square_quantile
 from msckf.visual import VisualMeasurement, VisualOutcome, camera_jacobian
 from navcore import so3
 from navcore.arrays import Floats, Mask, Rotations, Stamps, Vectors

@@ -24,14 +24,9 @@ class VisualWindow:
     """Features over the clones of a filter state."""
 
     def __init__(self, cameras: int, config: VisionConfig) -> None:
-        self._asked = config
+        self._asked = self.config = config
         self.noise = PixelNoise(config)
         self.table = FeatureTable(cameras)
-
-    @property
-    def config(self) -> VisionConfig:
-        """The settings, with the pixel noise as it is."""
-        return replace(self._asked, pixel_noise=self.noise.sigma)
 
     def disparity(self, observations: Observations) -> float | None:
         """Motion of the image [px] since the newest clone, or None if too few features are common."""
@@ -52,6 +47,7 @@ class VisualWindow:
 
     def advance(self, state: FilterState, t_ns: int, omega_B: Vectors, observations: Observations) -> VisualOutcome:
         """Clone the current pose, use the features that end, drop the oldest clone when the window is full."""
+        self.config = replace(self._asked, pixel_noise=self.noise.sigma)
         state.add_clone(t_ns, omega_B)
         self.table.add_clone(observations.rows(~np.isin(observations.keys, state.landmarks.keys)))
         full = len(state.clones) >= self.config.clones

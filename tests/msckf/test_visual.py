@@ -9,10 +9,10 @@ from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from msckf.chi_square import chi_square_quantile
 from msckf.config import VisionConfig
 from msckf.estimated import Estimated
 from msckf.views import Rig, Views
-from msckf.chi_square import chi_square_quantile
 from msckf.visual import (
     by_calibration,
     compress,
