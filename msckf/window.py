@@ -131,5 +131,6 @@ class VisualWindow:
             if np.linalg.norm(dx[columns] - last[columns]) < _SETTLED:
                 break
         state.back_to(before)
-        state.clones.R_first, state.clones.p_first = at
+        if m.used.any():
+            state.clones.R_first, state.clones.p_first = at
         return m
