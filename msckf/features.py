@@ -13,7 +13,7 @@ class FeatureTable:
     Attributes:
         keys: (F,) feature number, unique over cameras unless they see the same feature; sorted.
         seen: (F, K C).
-        alive: (F,) whether the newest frame saw it.
+        alive: (F,) whether it is followed: the newest frame saw it, or might have but for cameras that were blind.
     """
 
     def __init__(self, cameras: int) -> None:
@@ -79,12 +79,19 @@ class FeatureTable:
         n, k = len(all_keys), self.seen.shape[1]
         seen_at, was_seen = np.zeros((n, k + self._cameras, 5)), np.zeros((n, k + self._cameras), dtype=bool)
         old = np.searchsorted(all_keys, self.keys)
+        hidden = np.zeros(n, dtype=bool)
+        hidden[old] = self.alive & self._seen_by(seen.blind)
         seen_at[old, :k], was_seen[old, :k] = self._seen_at, self.seen
         rows, columns = np.searchsorted(all_keys, seen.keys), k + seen.cameras
         seen_at[rows, columns, :2], seen_at[rows, columns, 2:] = seen.uv, seen.bearings
         was_seen[rows, columns] = True
         self.keys, self._seen_at, self.seen = all_keys, seen_at, was_seen
-        self.alive = np.asarray(was_seen[:, k:].any(axis=1))
+        self.alive = np.asarray(was_seen[:, k:].any(axis=1)) | hidden
+
+    def _seen_by(self, cameras: tuple[int, ...]) -> Mask:
+        """(F,) which features any of these cameras has seen."""
+        by_camera = self.seen.reshape(len(self), self.clones, self._cameras)
+        return np.asarray(by_camera[:, :, list(cameras)].any(axis=(1, 2)))
 
     def drop_clone(self, k: int) -> None:
         """Clone `k` is gone; features that nothing else saw go with it."""

@@ -2,35 +2,37 @@
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from msckf.blocks import POSITION, VELOCITY
+from msckf.chi_square import chi_square_quantile
 from msckf.clock import stage
 from msckf.config import FilterConfig
 from msckf.errors import InputError
 from msckf.estimated import Estimated
 from msckf.frontend import Frontend, Observations
-from msckf.health import HealthMonitor
-from msckf.imu_buffer import ImuBuffer
+from msckf.health import HealthMonitor, Verdict
+from msckf.imu_buffer import Cells, ImuBuffer
 from msckf.prior_update import PriorState, PriorUpdate, StartingBias
 from msckf.propagation import integrate
+from msckf.recovery import LastPose, Memory, continued, disagreement
 from msckf.standstill import imu_is_quiet, standstill_update
 from msckf.starter import Starter
 from msckf.state import FilterState
 from msckf.views import Rig
 from msckf.visual import VisualOutcome
 from msckf.window import VisualWindow
-from navcore import so3
-from navcore.arrays import Rotations, Vectors
+from navcore.arrays import Floats, Rotations
 from navcore.calibration import Calibration
 from navcore.errors import ConfigError
 from navcore.imu import ImuSamples
 from navcore.odometry import Estimate, Health, State
 from navcore.prior import BiasPriorSource, load_prior
 from navcore.sequence import Frame, Tracks
+
+_SAME_STATE = 0.999  # quantile of the chi-square test by which two states are the same
 
 
 @dataclass(frozen=True)
@@ -69,12 +71,14 @@ class Filter:
         self._buffer = ImuBuffer(calibration.imu.rate_hz)
         self._frames: deque[Frame] = deque()
         self._newest_frame_ns: int | None = None
+        self._refused_ns: int | None = None  # stamp of the last frame, if it was refused for being ahead
         self._frontend = Frontend(self._rig, self.config.tracker)
         self._observations: Observations | None = None
         self._prior = PriorUpdate(prior or load_prior("none"), self.config.prior, calibration.imu)
         self._told_start = start
         self._start_bias: StartingBias | None = None
-        self._last_pose: tuple[Rotations, Vectors] | None = None
+        self._last_pose: LastPose | None = None
+        self._memory = Memory()
         self._begin_anew()
 
     def _begin_anew(self) -> None:
@@ -82,8 +86,23 @@ class Filter:
         self._omega_B = np.zeros(3)
         self._t_ns: int | None = None
         self._window = VisualWindow(len(self._rig), self.config.vision)
-        self._starter = Starter(self.calibration, self._rig, self.config)
+        self._starter = self._new_starter()
+        self._rival: Starter | None = None  # looks for another state while vision contradicts this one
         self._health = HealthMonitor(self.config.health)
+
+    def _new_starter(self) -> Starter:
+        return Starter(self.calibration, self._known_rig, self.config)
+
+    @property
+    def _known_rig(self) -> Rig:
+        """The cameras as calibrated, or as learned since."""
+        learned = self._memory.learned
+        return self._rig if learned is None else learned.rig
+
+    @property
+    def _known_offset_s(self) -> float:
+        learned = self._memory.learned
+        return self._rig.mounts[0].dt_cam_imu if learned is None else learned.dt_cam_imu
 
     # -- what it knows, to look at ---------------------------------------------------------------------------------
 
@@ -113,10 +132,19 @@ class Filter:
         """Take the next frame; its estimate comes when the IMU covers it.
 
         Raises:
-            InputError: the frame is not newer than the last; the filter is as it was.
+            InputError: the frame is not newer than the last, or so far ahead that its stamp must be wrong; the
+                estimate is as it was. A second frame that follows one refused for being ahead is taken.
         """
-        if self._newest_frame_ns is not None and frame.t_ns <= self._newest_frame_ns:
-            raise InputError(f"frame at {frame.t_ns} ns does not follow the last, at {self._newest_frame_ns} ns")
+        last, most = self._newest_frame_ns, round(1e9 * self.config.health.max_ahead_s)
+        if last is not None and frame.t_ns <= last:
+            raise InputError(f"frame at {frame.t_ns} ns does not follow the last, at {last} ns")
+        known = [t for t in (last, self._buffer.newest_ns, self._refused_ns) if t is not None]
+        self._refused_ns = None
+        if last is not None and not any(0 < frame.t_ns - t <= most or t >= frame.t_ns for t in known[:2]):
+            ahead_s = (frame.t_ns - max(known[:2])) * 1e-9
+            if not any(0 < frame.t_ns - t <= most for t in known[2:]):
+                self._refused_ns = frame.t_ns
+                raise InputError(f"frame at {frame.t_ns} ns is {ahead_s:.1f} s ahead of all that came before")
         self._newest_frame_ns = frame.t_ns
         self._frames.append(frame)
         return self._answer(final=False)
@@ -143,7 +171,7 @@ class Filter:
 
     def _offset_ns(self) -> int:
         """From camera time to IMU time, as far as it is known."""
-        offset_s = self._rig.mounts[0].dt_cam_imu if self.state is None else self.state.dt_cam_imu
+        offset_s = self._known_offset_s if self.state is None else self.state.dt_cam_imu
         return round(offset_s * 1e9)
 
     # -- one frame --------------------------------------------------------------------------------------------
@@ -155,44 +183,94 @@ class Filter:
                 return self._try_to_start(frame, t_ns, stages)
             return self._follow(frame, t_ns, stages)
         except np.linalg.LinAlgError as error:  # a covariance that rounding has spoiled must not end the run
-            self._begin_anew()
+            self._lose(t_ns)
             return Estimate(t_ns, Health.LOST, (f"numerical failure ({error})",), None, 0, 0, stages)
+
+    def _lose(self, t_ns: int) -> None:
+        """Give the state up; what it knew of its sensors a while ago, and its last pose, remain."""
+        self._turn_last_pose(t_ns)
+        self._begin_anew()
+
+    def _turn_last_pose(self, t_ns: int) -> None:
+        if self._last_pose is not None:
+            cells = self._buffer.cells(self._last_pose.t_ns, t_ns)
+            learned = self._memory.learned
+            b_g = np.zeros(3) if learned is None else learned.mean[:3]
+            self._last_pose = self._last_pose.turned(t_ns, cells, b_g, self.calibration.imu)
 
     def _follow(self, frame: Frame, t_ns: int, stages: dict[str, float]) -> Estimate:
         assert self.state is not None
+        assert self._t_ns is not None
+        early = t_ns <= self._t_ns  # the time offset was corrected by more than a frame's period
+        t_ns = max(t_ns, self._t_ns + 1)
         with stage(stages, "propagate"):
-            R_before = self.state.R_WB
-            notes = self._propagate(self.state, t_ns)
-            R_B1B0 = self.state.R_WB.T @ R_before
+            cells = self._buffer.cells(self._t_ns, t_ns)
+            gap_s = float(cells.bridged.sum())
+            if gap_s > self.config.health.lost_imu_gap_s:
+                self._frontend.observe(frame, None, stages)
+                self._lose(t_ns)
+                return Estimate(t_ns, Health.LOST, (f"IMU gap of {gap_s:.2f} s cannot be bridged",), stages=stages)
+            R_B1B0 = self._propagate(self.state, cells, t_ns)
         observations = self._observations = self._frontend.observe(frame, R_B1B0, stages)
         with stage(stages, "update"):
-            outcome, still = self._correct(self.state, frame.t_ns, t_ns, observations)
+            outcome, still = VisualOutcome(), False
+            if not early:
+                outcome, still = self._correct(self.state, frame.t_ns, t_ns, observations)
         with stage(stages, "prior"):
-            notes += self._prior.update(self.state, t_ns)
+            notes = self._prior.update(self.state, t_ns)
+        if gap_s > self.config.health.max_imu_gap_s:
+            notes = (f"IMU gap of {gap_s:.3f} s", *notes)
         verdict = self._health.judge(self.state, t_ns, observations, outcome, still)
-        self._buffer.drop_before(t_ns - round(1e9 * self.config.standstill.window_s))
+        if verdict.health is not Health.LOST and self._beaten(self.state, t_ns, observations):
+            verdict = Verdict(Health.LOST, ("vision contradicts the state, and agrees with another", *verdict.reasons))
+        keep_s = self.config.standstill.window_s if self._rival is None else self._start_horizon_s
+        self._buffer.drop_before(t_ns - round(1e9 * keep_s))
         reasons = notes + verdict.reasons
         if verdict.health is Health.LOST:
-            self._begin_anew()
+            self._lose(t_ns)
             return Estimate(t_ns, Health.LOST, reasons, None, len(observations), 0, stages)
-        self._last_pose = (self.state.R_WB, self.state.p_WB)
-        return Estimate(t_ns, verdict.health, reasons, self.state.snapshot(), len(observations), outcome.used, stages)
+        estimate = self.state.snapshot()
+        if verdict.health is Health.TRACKING and outcome.used > outcome.rejected:
+            self._memory.note(self.state, t_ns)
+        self._last_pose = LastPose.of(estimate, t_ns)
+        return Estimate(t_ns, verdict.health, reasons, estimate, len(observations), outcome.used, stages)
 
-    def _propagate(self, state: FilterState, t_ns: int) -> tuple[str, ...]:
-        assert self._t_ns is not None
-        cells = self._buffer.cells(self._t_ns, t_ns)
+    def _beaten(self, state: FilterState, t_ns: int, observations: Observations) -> bool:
+        """While vision contradicts the state, another is looked for; says whether one was found that differs.
+
+        Then it is what the filter starts from next. What moves through the view makes no such state: together with
+        the IMU it fits nothing.
+        """
+        if not self._health.contradicted:
+            self._rival = None
+            return False
+        if self._rival is None:
+            self._rival = self._new_starter()
+        bias = self._prior.starting_bias(self.config.start, t_ns, self._memory.learned)
+        found = self._rival.attempt(t_ns, observations, self._buffer, bias).state
+        if found is None:
+            return False
+        self._rival = None
+        if disagreement(state.snapshot(), found) < chi_square_quantile(_SAME_STATE, 5.0):
+            return False
+        self._told_start = TimedState(t_ns, found)
+        return True
+
+    def _propagate(self, state: FilterState, cells: Cells, t_ns: int) -> Rotations:
+        """Move to the end of the cells; returns the rotation of the end from the start."""
+        R_before = state.R_WB
         state.propagate(integrate(cells, state.b_g, state.b_a, self.calibration.imu))
         if len(cells.gyro):
             self._omega_B = cells.gyro[-1] - state.b_g
         self._t_ns = t_ns
-        gap = float(cells.bridged.sum())
-        self._health.note_gap(gap)
-        return (f"IMU gap of {gap:.3f} s",) if gap > self.config.health.max_imu_gap_s else ()
+        return np.asarray(state.R_WB.T @ R_before)
 
     def _correct(
         self, state: FilterState, frame_ns: int, t_ns: int, observations: Observations
     ) -> tuple[VisualOutcome, bool]:
         """Standstill or visual update; says whether the body stands still."""
+        if len(observations.blind) == len(self._rig):  # features may go on in the next image
+            return VisualOutcome(), False
         c = self.config.standstill
         if c.enabled and len(state.clones) and imu_is_quiet(self._buffer, t_ns, c, c.window_s):
             disparity = self._window.disparity(observations)
@@ -206,30 +284,43 @@ class Filter:
 
     def _try_to_start(self, frame: Frame, t_ns: int, stages: dict[str, float]) -> Estimate:
         observations = self._observations = self._frontend.observe(frame, None, stages)
+        self._turn_last_pose(t_ns)
         with stage(stages, "start"):
             state, reason = self._find_start(t_ns, observations)
         health = Health.INITIALISING if self._last_pose is None else Health.LOST
         if state is None:
-            horizon = 2.0 * max(self.config.start.moving_s, self.config.start.static_s)
-            self._buffer.drop_before(t_ns - round(1e9 * horizon))
+            self._buffer.drop_before(t_ns - round(1e9 * self._start_horizon_s))
             return Estimate(t_ns, health, (reason, *observations.faults), None, len(observations), 0, stages)
         if self._last_pose is not None:
-            state = continued(state, *self._last_pose)
+            state = continued(state, self._last_pose, self.config.health.max_speed)
         self.state = self._begun(state)
-        estimated = Estimated.of(self.config.calibration)
-        self.state.estimate_calibration(estimated, estimated.sigmas(self.config.calibration, len(self._rig)))
+        self.state.estimate_calibration(*self._known_calibration())
         if self._start_bias is not None:
             self._prior.begin(self.state, self._start_bias)
         self._t_ns = t_ns
         self._health.started(t_ns)
-        self._last_pose = (self.state.R_WB, self.state.p_WB)
-        return Estimate(t_ns, Health.TRACKING, ("started",), self.state.snapshot(), len(observations), 0, stages)
+        estimate = self.state.snapshot()
+        self._last_pose = LastPose.of(estimate, t_ns)
+        return Estimate(t_ns, Health.TRACKING, ("started",), estimate, len(observations), 0, stages)
+
+    @property
+    def _start_horizon_s(self) -> float:
+        """How long samples are kept for a start."""
+        return 2.0 * max(self.config.start.moving_s, self.config.start.static_s)
+
+    def _known_calibration(self) -> tuple[Estimated, Floats]:
+        """What of the calibration is estimated, and its covariance beforehand, or as learned."""
+        config, learned = self.config.calibration, self._memory.learned
+        estimated = Estimated.of(config)
+        if learned is None:
+            return estimated, np.diag(estimated.sigmas(config, len(self._rig)) ** 2)
+        return estimated, learned.doubted_calibration(estimated, config)
 
     def _begun(self, state: State) -> FilterState:
-        return FilterState(state, self._rig, self._rig.mounts[0].dt_cam_imu, fej=self.config.vision.fej)
+        return FilterState(state, self._known_rig, self._known_offset_s, fej=self.config.vision.fej)
 
     def _find_start(self, t_ns: int, observations: Observations) -> tuple[State | None, str]:
-        self._start_bias = self._prior.starting_bias(self.config.start, t_ns)
+        self._start_bias = self._prior.starting_bias(self.config.start, t_ns, self._memory.learned)
         told = self._told_start
         if told is not None:
             if told.t_ns > t_ns or (self._buffer.oldest_ns or 0) > told.t_ns:
@@ -241,24 +332,6 @@ class Filter:
             return s.snapshot(), ""
         start = self._starter.attempt(t_ns, observations, self._buffer, self._start_bias)
         return start.state, start.reason
-
-
-def continued(state: State, R_last: Rotations, p_last: Vectors) -> State:
-    """A new start, turned and moved so that heading and position go on from the last pose."""
-
-    def heading(R_WB: Rotations) -> float:
-        return float(np.arctan2(R_WB[1, 0], R_WB[0, 0]))
-
-    turn = so3.exp(np.array([0.0, 0.0, heading(R_last) - heading(state.R_WB)]))
-    T = np.eye(15)
-    T[POSITION, POSITION] = T[VELOCITY, VELOCITY] = turn
-    return replace(
-        state,
-        R_WB=turn @ state.R_WB,
-        p_WB=p_last.copy(),
-        v_WB=turn @ state.v_WB,
-        covariance=T @ state.covariance @ T.T,
-    )
 
 
 def make(

@@ -23,6 +23,7 @@ class Observations:
         uv: (N, 2) px.
         bearings: (N, 3) the same as unit vectors in C.
         faults: what was wrong with the images.
+        blind: cameras that had no image of use, but whose features may still be followed into the next.
     """
 
     keys: Stamps
@@ -30,6 +31,7 @@ class Observations:
     uv: Floats
     bearings: Floats
     faults: tuple[str, ...] = ()
+    blind: tuple[int, ...] = ()
 
     def __len__(self) -> int:
         return len(self.keys)
@@ -44,7 +46,8 @@ class Observations:
 
     def rows(self, mask: Mask) -> "Observations":
         """Only some of them."""
-        return Observations(self.keys[mask], self.cameras[mask], self.uv[mask], self.bearings[mask], self.faults)
+        keys, cameras, uv, bearings = self.keys[mask], self.cameras[mask], self.uv[mask], self.bearings[mask]
+        return Observations(keys, cameras, uv, bearings, self.faults, self.blind)
 
 
 class Frontend:
@@ -57,6 +60,8 @@ class Frontend:
         first, *others = zip(rig.mounts, self._trackers, strict=True)
         self._matchers = [StereoMatcher(*first, *other) for other in others]
         self._since: list[Rotations | None] = [np.eye(3) for _ in rig.mounts]
+        self._max_skipped = config.max_skipped
+        self._skipped = [0 for _ in rig.mounts]
 
     def observe(self, frame: Frame, R_B1B0: Rotations | None, stages: dict[str, float]) -> Observations:
         """Observations of a frame.
@@ -71,9 +76,11 @@ class Frontend:
         faults: list[str] = []
         first_sees = False
         for c, tracker in enumerate(self._trackers):
+            self._skipped[c] += 1
             if c in frame.tracks:
                 tracks = frame.tracks[c]
                 parts.append((c, tracks, tracker.camera.unproject(tracks.uv)))
+                self._skipped[c] = 0
                 continue
             try:
                 with stage(stages, "decode"):
@@ -89,7 +96,9 @@ class Frontend:
                 faults.append(f"{tracker.quality.fault}, camera {c}")
             if sees:
                 parts.append((c, tracker.tracks, tracker.bearings))
-        return _joined(parts, tuple(faults))
+                self._skipped[c] = 0
+        blind = tuple(c for c, skipped in enumerate(self._skipped) if 0 < skipped <= self._max_skipped)
+        return _joined(parts, tuple(faults), blind)
 
     def _image(self, frame: Frame, c: int) -> Image:
         if c not in frame.images:
@@ -121,7 +130,7 @@ class Frontend:
         return True
 
 
-def _joined(parts: list[tuple[int, Tracks, Floats]], faults: tuple[str, ...]) -> Observations:
+def _joined(parts: list[tuple[int, Tracks, Floats]], faults: tuple[str, ...], blind: tuple[int, ...]) -> Observations:
     """The observations of all cameras, (index, tracks, bearings) each."""
     empty = np.zeros(0, dtype=np.int64)
     return Observations(
@@ -130,4 +139,5 @@ def _joined(parts: list[tuple[int, Tracks, Floats]], faults: tuple[str, ...]) ->
         np.concatenate([np.zeros((0, 2)), *(tracks.uv for _, tracks, _ in parts)]),
         np.concatenate([np.zeros((0, 3)), *(bearings for _, _, bearings in parts)]),
         faults,
+        blind,
     )

@@ -1,5 +1,6 @@
 """How good the estimate is, and why it is not better."""
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,22 +28,30 @@ class HealthMonitor:
         self._config = config
         self._last_vision_ns = 0
         self._position_variance = 0.0
-        self._gap_s = 0.0
-        self._refused = 0
+        self._said: deque[tuple[int, int, int]] = deque()  # t_ns, features used, features refused
 
     def started(self, t_ns: int) -> None:
         """The filter has just started."""
         self._last_vision_ns = t_ns
 
-    def note_gap(self, seconds: float) -> None:
-        """So much of the last interval no IMU sample covered."""
-        self._gap_s = seconds
+    @property
+    def contradicted(self) -> bool:
+        """Whether vision has contradicted the state for a while.
+
+        A view full of things that move does so too: what is wrong, state or vision, this does not tell.
+        """
+        c = self._config
+        used, refused = (sum(entry[k] for entry in self._said) for k in (1, 2))
+        return refused >= c.contradicted_features and used < c.contradicted_share * refused
 
     def judge(
         self, state: FilterState, t_ns: int, observations: Observations, outcome: VisualOutcome, still: bool
     ) -> Verdict:
         """The verdict on the frame at `t_ns`."""
         c = self._config
+        self._said.append((t_ns, outcome.used, outcome.rejected))
+        while t_ns - self._said[0][0] > round(c.contradicted_s * 1e9):
+            self._said.popleft()
         if outcome.used or still:
             self._last_vision_ns = t_ns
             self._position_variance = float(np.diagonal(state.covariance)[POSITION].max())
@@ -56,8 +65,10 @@ class HealthMonitor:
             reasons.append(f"{outcome.rejected} features refused")
         if len(observations) < c.min_tracked:
             reasons.append(f"{len(observations)} features followed")
+        if self.contradicted:
+            reasons.append("vision contradicts the state")
         blind_s = (t_ns - self._last_vision_ns) * 1e-9
-        if len(observations) >= c.min_tracked and blind_s <= c.blind_s:
+        if len(observations) >= c.min_tracked and blind_s <= c.blind_s and not self.contradicted:
             return Verdict(Health.TRACKING, tuple(reasons))
         if blind_s > c.blind_s:
             reasons.append(f"no visual correction for {blind_s:.1f} s")
@@ -69,6 +80,8 @@ class HealthMonitor:
         variance = np.diagonal(state.covariance)
         if not (np.isfinite(variance).all() and np.isfinite(state.p_WB).all() and np.isfinite(state.R_WB).all()):
             return "state is not finite"
+        if variance.min() < 0.0:
+            return "a variance is negative"
         speed = float(np.linalg.norm(state.v_WB))
         if speed > c.max_speed:
             return f"speed {speed:.1f} m/s is past {c.max_speed:.1f}"
@@ -76,6 +89,4 @@ class HealthMonitor:
             return f"velocity is known to {np.sqrt(variance[VELOCITY].max()):.1f} m/s only"
         if variance[POSITION].max() - self._position_variance > c.max_position_sigma**2:
             return f"position was lost by {np.sqrt(variance[POSITION].max()):.1f} m"
-        if self._gap_s > c.lost_imu_gap_s:
-            return f"IMU gap of {self._gap_s:.2f} s cannot be bridged"
         return ""

@@ -8,6 +8,7 @@ import numpy as np
 from msckf.blocks import BIASES
 from msckf.chi_square import chi_square_quantile
 from msckf.config import PriorConfig, StartConfig
+from msckf.recovery import Learned
 from msckf.state import FilterState
 from navcore.arrays import Floats
 from navcore.imu import ImuNoise, ImuSamples
@@ -76,8 +77,8 @@ class PriorUpdate:
         """Take samples, in time order; the source gets them when the filter is there."""
         self._waiting.append(samples)
 
-    def starting_bias(self, config: StartConfig, t_ns: int) -> StartingBias:
-        """Device knowledge, joined with the measurements that came before the start by Bayes' rule."""
+    def starting_bias(self, config: StartConfig, t_ns: int, learned: Learned | None = None) -> StartingBias:
+        """Device knowledge, or what was learned before a loss, joined by Bayes' rule with the measurements since."""
         sigma = np.repeat([config.gyro_bias_sigma, config.accel_bias_sigma], 3)
         wide = BiasPrior(t_ns, np.zeros(3), np.zeros(3), np.diag(sigma**2))
         device = self.source.device() or wide
@@ -89,6 +90,8 @@ class PriorUpdate:
         P[b, b], P[c, c] = device.covariance, constant
         H = np.hstack([np.eye(6), np.eye(6) if self.models_error else np.zeros((6, 6))])
         at_ns = self._before_start[0].t_ns if self._before_start else t_ns
+        if learned is not None:
+            mean, P, at_ns = learned.mean, learned.covariance.copy(), learned.t_ns
         for z in self._before_start:
             P[b, b] += self._walked(z.t_ns - at_ns)
             at_ns = z.t_ns

@@ -86,9 +86,14 @@ def move_anchors(state: FilterState, k: int) -> None:
 
 
 def update_landmarks(state: FilterState, observations: Observations, config: VisionConfig) -> VisualOutcome:
-    """Correct the state by what the newest clone saw of its landmarks; drop those that it did not see."""
-    state.drop_landmarks(~np.isin(state.landmarks.keys, observations.keys))
-    if len(state.landmarks) == 0:
+    """Correct the state by what the newest clone saw of its landmarks; drop those that it did not see.
+
+    While a camera is blind none is dropped: it may be this camera that sees them.
+    """
+    seen = np.isin(state.landmarks.keys, observations.keys)
+    if not observations.blind:
+        state.drop_landmarks(~seen)
+    if not seen.any():
         return VisualOutcome()
     which, where = _match(state.landmarks.keys, observations.keys)
     cameras, uv = observations.cameras[where], observations.uv[where]

@@ -209,9 +209,9 @@ class FilterState:
         self._P = self._P[np.ix_(keep, keep)]
         self.landmarks = self.landmarks.rows(~mask)
 
-    def estimate_calibration(self, estimated: Estimated, sigmas: Floats) -> None:
-        """Begin to estimate parts of the calibration, known so far to `sigmas` in their order; before any clone."""
-        self._P = _bordered(self._P, np.zeros((len(sigmas), self.size)), np.diag(sigmas**2), IMU_SIZE)
+    def estimate_calibration(self, estimated: Estimated, covariance: Floats) -> None:
+        """Begin to estimate parts of the calibration, known so far with this covariance (n, n); before any clone."""
+        self._P = _bordered(self._P, np.zeros((len(covariance), self.size)), covariance, IMU_SIZE)
         self.estimated = estimated
         self._lay_out()
 

@@ -24,7 +24,7 @@ class VisualMeasurement:
         H, r: (m, n), (m,) px: a measurement of the clones, after the extrinsics if those are estimated, free of the
             features, with white noise of `pixel_noise`.
         used: (F,) features behind it.
-        rejected: (F,) features that the chi-square test refused.
+        rejected: (F,) features that no position explains, or that the chi-square test refused.
         nis, dof: (T,) normalised innovation squared of the features that were tested, and its degrees of freedom.
         points, p_linear, parts: of the features used: where they are, where they were linearised (U, 3), how each
             determines its own position.
@@ -177,7 +177,7 @@ def split(views: Views, r: Floats, H_x: Floats, H_f: Floats, H_c: Floats | None 
     H[..., :n] = 0.0 if H_c is None else H_c
     by_pose = H[..., n:].reshape(F, V, 2, views.count, 6)
     by_pose[:, np.arange(V), :, views.poses] = np.swapaxes(H_x, 0, 1)
-    H[..., n:] = by_pose.reshape(F, 2 * V, -1)
+    H[..., n:] = by_pose.reshape(F, 2 * V, 6 * views.count)
     r = r.reshape(F, 2 * V)
     Q_1, R_1 = np.linalg.qr(H_f.reshape(F, 2 * V, 3))
     Q_t = np.swapaxes(Q_1, -1, -2)
@@ -233,14 +233,13 @@ def measure(
             the latter, and any reprojection error is believed until the test.
 
     Returns:
-        None if no feature passed.
+        None if there is no feature.
     """
     if len(views.uv) == 0:
         return None
     points = triangulate(views, R_WB, p_WB, config)
     sane = points.valid & ((points.rms < 10.0 * config.pixel_noise) | (moved is not None))
-    if not sane.any():
-        return None
+    misfit = points.valid & ~sane
     views, points = views.rows(sane), points.rows(sane)
     r, H_x, H_f, p_linear = linearise(views, R_WB, p_WB, R_lin, p_lin, points.p_WF)
     parts = split(views, r, H_x, H_f, by_calibration(views, H_f, R_lin, p_lin, p_linear, estimated))
@@ -250,7 +249,7 @@ def measure(
     dof = 2.0 * views.seen.sum(axis=1) - 3.0
     passed = nis <= chi_square_quantile(config.gate_probability, dof)
     r_all, H_all = compress(parts.r[passed].ravel(), parts.H[passed].reshape(-1, parts.H.shape[-1]))
-    used, rejected = sane.copy(), sane.copy()
+    used, rejected = sane.copy(), misfit
     used[sane], rejected[sane] = passed, ~passed
     return VisualMeasurement(
         H_all, r_all, used, rejected, nis, dof, points.rows(passed), p_linear[passed], parts.rows(passed)

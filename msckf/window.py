@@ -131,6 +131,6 @@ class VisualWindow:
             if np.linalg.norm(dx[columns] - last[columns]) < _SETTLED:
                 break
         state.back_to(before)
-        if m.used.any():
+        if m is not None and m.used.any():
             state.clones.R_first, state.clones.p_first = at
         return m

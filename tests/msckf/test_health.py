@@ -84,10 +84,3 @@ def test_a_long_way_makes_no_loss():
     assert watch.judge(state, 2 * S, seen(50), VisualOutcome(), still=False).health is Health.INERTIAL_ONLY
     state._P[3, 3] = 80.0**2 + 51.0**2
     assert watch.judge(state, 2 * S, seen(50), VisualOutcome(), still=False).health is Health.LOST
-
-
-@pytest.mark.parametrize(("gap", "health"), [(0.9, Health.TRACKING), (1.1, Health.LOST)])
-def test_a_gap_that_is_too_long_is_a_loss(gap, health):
-    watch = monitor()
-    watch.note_gap(gap)
-    assert watch.judge(filter_state(), 0, seen(50), VisualOutcome(used=5), still=False).health is health

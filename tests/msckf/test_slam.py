@@ -31,7 +31,7 @@ def window(seed=0, noise=CONFIG.pixel_noise, fej=True, sigma=(0.001, 0.005), wha
     d = rng.standard_normal((K, 6)) * np.repeat(sigma, 3)
     zero = np.zeros(3)
     state = FilterState(State(R_WB[0], p_WB[0], zero, zero, zero, np.eye(15)), rig, fej=fej)
-    state.estimate_calibration(what, 0.1 * what.sigmas(CalibrationConfig(), len(rig)))
+    state.estimate_calibration(what, np.diag((0.1 * what.sigmas(CalibrationConfig(), len(rig))) ** 2))
     for k in range(K):
         state.R_WB = R_WB[k] @ Rotation.from_rotvec(d[k, :3]).as_matrix()
         state.p_WB = p_WB[k] + d[k, 3:]

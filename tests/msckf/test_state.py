@@ -157,7 +157,7 @@ def test_the_calibration_is_known_as_well_as_it_is_said_to_be():
     state.dt_cam_imu = 0.1
     P = np.array(state.covariance)
     sigmas = 0.01 * np.arange(1.0, 30.0)
-    state.estimate_calibration(ALL, sigmas)
+    state.estimate_calibration(ALL, np.diag(sigmas**2))
     state.add_prior_error(np.zeros(6), np.zeros((6, 6)), np.eye(6))
     moved(state).add_clone(0, OMEGA)
     assert (state.time_offset, state.cameras, state.calibration) == (slice(15, 16), slice(16, 44), slice(15, 44))
@@ -191,7 +191,7 @@ def test_only_what_is_estimated_has_a_place(estimated, sizes):
     state = filter_state(rig=STEREO)
     config = CalibrationConfig(time_sigma=0.5, rotation_sigma=0.1, position_sigma=0.2, distortion_sigma=0.03)
     sigmas = estimated.sigmas(config, 2)
-    state.estimate_calibration(estimated, sigmas)
+    state.estimate_calibration(estimated, np.diag(sigmas**2))
     lengths = [x.stop - x.start for x in (state.time_offset, state.cameras)]
     assert tuple(lengths) == sizes
     assert state.size == 15 + sum(sizes) == state.clone_start
@@ -206,7 +206,7 @@ def test_only_what_is_estimated_has_a_place(estimated, sizes):
 def test_a_clone_depends_on_when_its_image_was_taken():
     """Against a body that goes on as it does: turning by omega in its own frame, moving by v."""
     state = filter_state()
-    state.estimate_calibration(Estimated(time_offset=True), np.array([0.02]))
+    state.estimate_calibration(Estimated(time_offset=True), np.array([[0.02**2]]))
     moved(state)
     P, R, p, v = np.array(state.covariance), state.R_WB.copy(), state.p_WB.copy(), state.v_WB.copy()
     state.add_clone(0, OMEGA)
@@ -236,7 +236,7 @@ def test_a_clone_depends_on_when_its_image_was_taken():
 
 def test_a_clones_dependence_on_time_is_taken_at_the_first_estimate():
     state = filter_state()
-    state.estimate_calibration(Estimated(time_offset=True), np.array([0.02]))
+    state.estimate_calibration(Estimated(time_offset=True), np.array([[0.02**2]]))
     moved(state)
     v_first = state.v_WB.copy()
     state.update(np.eye(3), np.r_[VELOCITY], np.full(3, 0.01), 1e-12 * np.eye(3))
