@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 from msckf.blocks import ACCEL_BIAS, BIASES, GYRO_BIAS, IMU_SIZE, POSITION, THETA, VELOCITY
 from msckf.config import CalibrationConfig
 from msckf.estimated import Estimated
-from msckf.filter import continued
 from msckf.imu_buffer import Cells
 from msckf.landmarks import Landmarks
 from msckf.propagation import integrate, noise_in_world, predict, transition
+from msckf.recovery import LastPose, continued
 from msckf.state import FilterState, _bordered
 from navcore.imu import ImuNoise
 from tests.msckf.scenes import ONE, STEREO, filter_state, start_state
@@ -428,7 +428,8 @@ def test_a_restart_goes_on_in_heading_and_position():
     """Turning the new world about z and moving it changes nothing that can be observed."""
     start = start_state(3)
     last = Rotation.from_euler("ZYX", [2.0, 0.3, -0.4]).as_matrix()
-    state = continued(start, last, np.array([5.0, 6.0, 7.0]))
+    zero = np.zeros((3, 3))
+    state = continued(start, LastPose(0, 0, last, np.array([5.0, 6.0, 7.0]), 0.0, 0.0, zero), 30.0)
     np.testing.assert_array_equal(state.p_WB, [5.0, 6.0, 7.0])
     heading = Rotation.from_matrix(state.R_WB).as_euler("ZYX")[0]
     assert heading == pytest.approx(2.0, abs=1e-9)
