@@ -18,10 +18,6 @@ class FeatureTable:
 
     def __init__(self, cameras: int) -> None:
         self._cameras = cameras
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget everything."""
         self.keys: Stamps = np.zeros(0, dtype=np.int64)
         self._seen_at: Floats = np.zeros((0, 0, 5))
         self.seen: Mask = np.zeros((0, 0), dtype=bool)
@@ -42,7 +38,7 @@ class FeatureTable:
 
     @property
     def bearings(self) -> Floats:
-        """(F, K C, 3) unit vectors in C."""
+        """(F, K C, 3) unit vectors in C, where nothing was seen, too."""
         return self._seen_at[..., 2:]
 
     @property
@@ -79,6 +75,7 @@ class FeatureTable:
         n, k = len(all_keys), self.seen.shape[1]
         seen_at, was_seen = np.zeros((n, k + self._cameras, 5)), np.zeros((n, k + self._cameras), dtype=bool)
         old = np.searchsorted(all_keys, self.keys)
+        seen_at[..., 4] = 1.0  # straight ahead, where nothing was seen
         hidden = np.zeros(n, dtype=bool)
         hidden[old] = self.alive & self._seen_by(seen.blind)
         seen_at[old, :k], was_seen[old, :k] = self._seen_at, self.seen

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from msckf.triangulation import across_and_along
+from msckf.bearings import across_and_along
 from navcore.arrays import Floats, Mask, Rotations, Stamps, Vectors
 
 

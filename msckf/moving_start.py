@@ -44,7 +44,7 @@ def moving_start(
         pixel_noise: px.
         earlier: (3,) rad/s, what an earlier window said of the gyro's bias.
     """
-    if window.bundle.seen[:, -1].sum() < _LEAST_FEATURES:
+    if window.views.seen[:, -len(window.views.rig) :].any(axis=1).sum() < _LEAST_FEATURES:
         return StartResult(None, "too few features are followed")
     window = replace(window, noise=in_motion(window.noise, config))
     refined: Refined | str = ""
@@ -63,7 +63,7 @@ def _guesses(window: Window, earlier: Vectors | None) -> Iterator[Vectors]:
     """Gyro biases to begin with, one after the other if those before lead nowhere."""
     if earlier is not None:
         yield earlier
-    yield rotation_bias(window.bundle, window.increments, window.device)
+    yield rotation_bias(window.views, window.increments, window.device)
 
 
 def in_motion(noise: ImuNoise, config: StartConfig) -> ImuNoise:
@@ -79,7 +79,7 @@ def _from(window: Window, b_g: Vectors, pixel_noise: float) -> Refined | str:
     """Refined from a gyro bias and what follows from it."""
     b_a = window.device.b_a
     increments = window.increments_at(b_g, b_a)
-    guess = closed_form(window.bundle, increments)
+    guess = closed_form(window.views, increments)
     if guess is None:
         return "motion does not determine velocity and gravity"
     return refine(window, Path.of(increments, *guess, b_g, b_a), pixel_noise)

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from msckf.propagation import Increment
-from msckf.start_bundle import Bundle
+from msckf.views import Views
 from navcore import so3
 from navcore.arrays import Floats, Mask, Rotations, Vectors
 from navcore.imu import GRAVITY
@@ -22,7 +22,7 @@ _Pairs = tuple[Vectors, Vectors, Mask, Rotations, Floats]
 from the second to the first (P, 3, 3) and its derivative by the gyro's bias, on the right (P, 3, 3)."""
 
 
-def rotation_bias(bundle: Bundle, increments: list[Increment], device: BiasPrior) -> Vectors:
+def rotation_bias(views: Views, increments: list[Increment], device: BiasPrior) -> Vectors:
     """Gyro bias (3,) under which the bearings of features agree with the gyro's rotations.
 
     For two views with rotation R, the normals of all epipolar planes, f_0 x R f_1, lie in one plane: the smallest
@@ -31,14 +31,14 @@ def rotation_bias(bundle: Bundle, increments: list[Increment], device: BiasPrior
     robust and efficient visual-inertial initialization", eq. 12).
 
     Args:
-        bundle: features.
+        views: features.
         increments: between the poses, integrated at the device's biases.
         device: what is known of the biases beforehand.
     """
-    K = bundle.poses
+    K = views.count
     db = np.zeros(3)
     for steps in ((1, 3), (max(K // 3, 1), max(2 * K // 3, 2))):  # close pairs find the valley, wide ones its bottom
-        pairs = _pairs(bundle, increments, steps)
+        pairs = _pairs(views, increments, steps)
         if pairs is not None:
             db = _agreed(pairs, db, np.sqrt(np.diagonal(device.covariance)[:3]))
     return np.asarray(device.b_g + db)
@@ -73,21 +73,21 @@ def _agreed(pairs: _Pairs, db: Vectors, sigma: Vectors) -> Vectors:
     return db
 
 
-def _pairs(bundle: Bundle, increments: list[Increment], steps: tuple[int, int]) -> _Pairs | None:
+def _pairs(views: Views, increments: list[Increment], steps: tuple[int, int]) -> _Pairs | None:
     """Pairs of views whose poses are so many steps apart; None if no pair has enough features in common."""
-    bearings = (bundle.R_BC @ bundle.rays[..., None])[..., 0]
+    bearings = (views.rig.R_BC[views.cameras] @ views.rays[..., None])[..., 0]
     found = []
-    for i in range(len(bundle.pose)):
+    for i in range(len(views.poses)):
         R, J = np.eye(3), np.zeros((3, 3))
-        for j in range(i + 1, len(bundle.pose)):
-            if bundle.pose[j] > bundle.pose[j - 1]:
-                inc = increments[bundle.pose[j] - 1]
+        for j in range(i + 1, len(views.poses)):
+            if views.poses[j] > views.poses[j - 1]:
+                inc = increments[views.poses[j] - 1]
                 J = inc.delta_R.T @ J + inc.J[:3, :3]
                 R = R @ inc.delta_R
-            step = bundle.pose[j] - bundle.pose[i]
+            step = views.poses[j] - views.poses[i]
             if step > steps[1]:
                 break
-            both = bundle.seen[:, i] & bundle.seen[:, j]
+            both = views.seen[:, i] & views.seen[:, j]
             if step in steps and both.sum() >= 8:
                 found.append((bearings[:, i], bearings[:, j], both[:, None], R, J))
     if not found:
@@ -96,7 +96,7 @@ def _pairs(bundle: Bundle, increments: list[Increment], steps: tuple[int, int]) 
     return f_i, f_j, both, R, J
 
 
-def closed_form(bundle: Bundle, increments: list[Increment]) -> tuple[Vectors, Vectors] | None:
+def closed_form(views: Views, increments: list[Increment]) -> tuple[Vectors, Vectors] | None:
     """Velocity and gravity (3,), (3,) at the first pose in its body frame, |g| held at its value.
 
     Every view of a feature gives two linear equations in the feature, the velocity and gravity, since
@@ -104,7 +104,7 @@ def closed_form(bundle: Bundle, increments: list[Increment]) -> tuple[Vectors, V
     "Estimator initialization in vision-aided inertial navigation with unknown camera-IMU calibration", eqs. 26-33).
     Distances from rays count by the feature's own: twice, the second time with the distances found first.
     """
-    K = bundle.poses
+    K = views.count
     R, s, t = np.empty((K, 3, 3)), np.zeros((K, 3)), np.zeros(K)
     R[0], v = np.eye(3), np.zeros(3)
     for k, inc in enumerate(increments):
@@ -112,10 +112,10 @@ def closed_form(bundle: Bundle, increments: list[Increment]) -> tuple[Vectors, V
         v = v + R[k] @ inc.delta_v
         R[k + 1] = R[k] @ inc.delta_R
         t[k + 1] = t[k] + inc.dt
-    R_0C, q = bundle.camera_poses(R, s)
-    rays = (R_0C @ bundle.rays[..., None])[..., 0]
-    across = (np.eye(3) - rays[..., :, None] * rays[..., None, :]) * bundle.seen[..., None, None]
-    t = t[bundle.pose]
+    R_0C, q = views.camera_poses(R, s)
+    rays = (R_0C @ views.rays[..., None])[..., 0]
+    across = (np.eye(3) - rays[..., :, None] * rays[..., None, :]) * views.seen[..., None, None]
+    t = t[views.poses]
     T = np.concatenate([t[:, None, None] * np.eye(3), 0.5 * (t * t)[:, None, None] * np.eye(3)], axis=2)  # (V, 3, 6)
     PT = across @ T[None]  # (F, V, 3, 6)
     Pq = (across @ q[..., None])[..., 0]
@@ -131,7 +131,7 @@ def closed_form(bundle: Bundle, increments: list[Increment]) -> tuple[Vectors, V
         return None
     y = np.concatenate(found)
     p = AB @ y + Ac  # (F, 3) the features
-    middle = (bundle.seen[..., None] * (q + T @ y)).sum(axis=1) / bundle.seen.sum(axis=1)[:, None]
+    middle = (views.seen[..., None] * (q + T @ y)).sum(axis=1) / views.seen.sum(axis=1)[:, None]
     weight = 1.0 / np.clip(np.sum((p - middle) ** 2, axis=1), 0.1, None)
     return _with_gravity_norm(np.einsum("f,fab->ab", weight, M_f), weight @ m_f) or found
 

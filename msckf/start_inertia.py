@@ -8,8 +8,8 @@ import numpy as np
 from msckf.blocks import POSITION, THETA, VELOCITY
 from msckf.imu_buffer import Cells
 from msckf.propagation import G_W, Increment, integrate, predict
-from msckf.start_bundle import Bundle
 from msckf.static_start import gravity_aligned
+from msckf.views import Views
 from navcore import so3
 from navcore.arrays import Floats, Rotations, Vectors
 from navcore.imu import ImuNoise
@@ -24,13 +24,13 @@ class Window:
 
     Attributes:
         cells: IMU between consecutive poses, K - 1 of them.
-        bundle: features over the K poses.
+        views: features over the K poses.
         noise: of the IMU.
         device: what is known of the biases beforehand.
     """
 
     cells: list[Cells]
-    bundle: Bundle
+    views: Views
     noise: ImuNoise
     device: BiasPrior
 

@@ -10,8 +10,9 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from msckf.blocks import VELOCITY
-from msckf.start_bundle import Bundle, Points, Sight, last_origins
 from msckf.start_inertia import Inertia, Path, Window
+from msckf.start_points import Points, Sight, last_origins
+from msckf.views import Views
 from navcore.arrays import Floats
 
 _STEPS = 12  # of each of the two rounds
@@ -70,12 +71,12 @@ class _Normal:
 class _Problem:
     """The least squares problem of a window."""
 
-    def __init__(self, window: Window, bundle: Bundle, inertia: Inertia, pixel_noise: float) -> None:
-        self.bundle, self.pixel_noise = bundle, pixel_noise
-        self.count = bundle.seen.sum(axis=1)
+    def __init__(self, window: Window, views: Views, inertia: Inertia, pixel_noise: float) -> None:
+        self.views, self.pixel_noise = views, pixel_noise
+        self.count = views.seen.sum(axis=1)
         self._device, self._inertia = window.device, inertia
         self._information = np.linalg.inv(window.device.covariance)
-        K = bundle.poses
+        K = views.count
         self._poses = (9 * np.arange(K)[:, None] + np.arange(6)).ravel()  # dtheta, dp of all
         self._last = slice(9 * (K - 1), 9 * (K - 1) + 3)  # dtheta of the last pose
         self._free = np.delete(np.arange(9 * K + 6), self._last.start + np.arange(2, 6))
@@ -83,8 +84,8 @@ class _Problem:
     def linearise(self, path: Path, points: Points) -> _Normal:
         """The normal equations."""
         N, b, cost = self._of_the_path(path)
-        sight = Sight.of(self.bundle, path.R, path.p, points)
-        F, V, K, s = len(self.bundle.seen), len(self.bundle.pose), self.bundle.poses, self.pixel_noise
+        sight = Sight.of(self.views, path.R, path.p, points)
+        F, V, K, s = len(self.views.seen), len(self.views.poses), self.views.count, self.pixel_noise
         rms = np.sqrt(np.sum(sight.r**2, axis=(1, 2)) / self.count)
         bounded = np.where(sight.behind, 1e3, rms)
         weight = 1.0 / (s * np.sqrt(1.0 + (bounded / (_CAUCHY * s)) ** 2))[:, None, None]
@@ -137,7 +138,7 @@ class _Problem:
 
     def fitted(self, path: Path, points: Points) -> Points:
         """The points after a Gauss-Newton step of their own: a path that was stretched needs them stretched, too."""
-        sight = Sight.of(self.bundle, path.R, path.p, points, by_poses=False)
+        sight = Sight.of(self.views, path.R, path.p, points, by_poses=False)
         N_f, b_f, _ = self._of_the_points(points, sight.H_f, sight.r, self.pixel_noise)
         return points.moved(np.asarray(np.linalg.solve(N_f, b_f[..., None])[..., 0]), points.origin)
 
@@ -189,23 +190,23 @@ def refine(window: Window, path: Path, pixel_noise: float) -> Refined | str:
     `pixel_noise` unless their scatter itself is.
     """
     inertia = Inertia.of(window)
-    problem = _Problem(window, window.bundle, inertia, pixel_noise)
-    first = _settled(problem, path, Points.triangulated(window.bundle, path.R, path.p))
+    problem = _Problem(window, window.views, inertia, pixel_noise)
+    first = _settled(problem, path, Points.triangulated(window.views, path.R, path.p))
     if isinstance(first, str):
         return first
     path, points, normal = first
     keep = normal.rms < _GATE * pixel_noise
     if keep.sum() < _LEAST_FEATURES:
         return "features do not fit one motion"
-    bundle = window.bundle.rows(keep)
+    views = window.views.rows(keep)
     shown = _shown_noise(normal.rms[keep], problem.count[keep])
     noise = max(min(_CORRELATION * shown, pixel_noise), shown, _LEAST_NOISE)
-    problem = _Problem(window, bundle, inertia, noise)
+    problem = _Problem(window, views, inertia, noise)
     second = _settled(problem, path, points.rows(keep))
     if isinstance(second, str):
         return second
     path, points, final = second
-    dof = max(2.0 * bundle.seen.sum() - 3.0 * len(bundle.seen) - 5.0, 1.0)
+    dof = max(2.0 * views.seen.sum() - 3.0 * len(views.seen) - 5.0, 1.0)
     return Refined(path, points, problem.covariance(final, path), normal.cost, dof, noise)
 
 
@@ -225,7 +226,7 @@ def _settled(problem: _Problem, path: Path, points: Points) -> tuple[Path, Point
         trial = path.moved(dx)
         if not np.isfinite(dx).all() or np.abs(trial.v).max() > _MAX_SPEED:
             return "refinement runs away"
-        moved = points.moved(df, last_origins(problem.bundle, trial.R, trial.p))
+        moved = points.moved(df, last_origins(problem.views, trial.R, trial.p))
         moved = problem.fitted(trial, moved)
         new = problem.linearise(trial, moved)
         gain = normal.cost - new.cost

@@ -12,7 +12,6 @@ from msckf.imu_buffer import ImuBuffer
 from msckf.moving_start import moving_start
 from msckf.prior_update import StartingBias
 from msckf.standstill import image_motion
-from msckf.start_bundle import Bundle
 from msckf.start_inertia import Window
 from msckf.static_start import force_surprise, is_steady, static_start
 from msckf.views import Rig
@@ -93,7 +92,7 @@ class Starter:
         views = self._table.views_of(self._rig, rows, np.array(keyframes))
         times = [self._t_ns[k] for k in keyframes]
         cells = [buffer.cells(a, b) for a, b in pairwise(times)]
-        window = Window(cells, Bundle.of(views), self._noise, bias.device)
+        window = Window(cells, views, self._noise, bias.device)
         result = moving_start(window, c, self._config.vision.pixel_noise, self._gyro_bias)
         self._gyro_bias = result.b_g if result.b_g is not None else self._gyro_bias
         self._last_reason = result.reason

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from msckf.bearings import across_and_along, tangents
 from msckf.config import VisionConfig
 from msckf.views import Views
-from navcore import so3
 from navcore.arrays import Floats, Mask, Rotations, Vectors
 
 _STEPS = 3
@@ -56,7 +56,7 @@ def triangulate(views: Views, R_WB: Rotations, p_WB: Vectors, config: VisionConf
     frame = across_and_along(rays[rows, anchor])
     towards = p_WC[anchor][:, None] - p_WC  # (F, V, 3) from every view to the anchor
     focal = np.array([camera.focal for camera in views.rig.cameras])[views.cameras]
-    across = _across(rays) * (views.seen * focal)[..., None, None]  # (F, V, 2, 3) px
+    across = np.swapaxes(tangents(rays), -1, -2) * (views.seen * focal)[..., None, None]  # (F, V, 2, 3) px
     V = rays.shape[1]
     system = np.empty((F, V, 2, 4))  # px: columns by x, and what is left at x = 0
     system[..., :2] = across @ frame[:, None, :, :2]
@@ -89,16 +89,3 @@ def triangulate(views: Views, R_WB: Rotations, p_WB: Vectors, config: VisionConf
     rms = np.sqrt(cost / np.maximum(count, 1.0))
     valid = in_front & (~near | (nearest < config.max_depth)) & np.isfinite(rms) & (count >= 2)
     return Triangulated(np.where(valid[:, None], p_WF, 0.0), valid, np.where(valid, rms, np.inf), certainty)
-
-
-def across_and_along(rays: Vectors) -> Rotations:
-    """Rotations (F, 3, 3) whose last column is the ray (F, 3)."""
-    return np.concatenate([np.swapaxes(_across(rays), -1, -2), rays[..., None]], axis=-1)
-
-
-def _across(rays: Vectors) -> Floats:
-    """Two unit vectors (..., 2, 3) at right angles to each other and to unit rays (..., 3)."""
-    helper = np.where(np.abs(rays[..., :1]) < 0.7, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
-    first = so3.cross(helper, rays)
-    first /= np.maximum(np.linalg.norm(first, axis=-1, keepdims=True), 1e-12)
-    return np.stack([first, so3.cross(rays, first)], axis=-2)

@@ -91,7 +91,7 @@ class Views:
         rig: the cameras.
         uv: (F, V, 2) px; anything where not seen.
         seen: (F, V).
-        bearings: (F, V, 3) the pixels as unit vectors in C; computed unless they are at hand.
+        bearings: (F, V, 3) the pixels as unit vectors in C, any where not seen; computed unless they are at hand.
     """
 
     rig: Rig
@@ -118,6 +118,11 @@ class Views:
     def rays(self) -> Vectors:
         """(F, V, 3) unit bearings in C."""
         return self.rig.unproject(self.cameras, self.uv) if self.bearings is None else self.bearings
+
+    @cached_property
+    def by_bearing(self) -> Floats:
+        """(F, V, 2, 3) px, derivative of each pixel by its bearing; zero where not seen."""
+        return self.rig.project_jacobian(self.cameras, self.rays)[1] * self.seen[..., None, None]
 
     @cached_property
     def last(self) -> Stamps:

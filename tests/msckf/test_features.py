@@ -80,11 +80,6 @@ class TableAgainstDictionary(RuleBasedStateMachine):
         self.table.drop_rows(self.mask(gone))
         self.forget(gone)
 
-    @rule()
-    def clear(self):
-        self.table.clear()
-        self.clones, self.keys, self.alive = [], set(), set()
-
     @invariant()
     def agree(self):
         t, keys = self.table, sorted(self.keys)

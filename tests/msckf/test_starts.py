@@ -17,9 +17,9 @@ from msckf.frontend import Frontend
 from msckf.imu_buffer import ImuBuffer
 from msckf.moving_start import in_motion, moving_start
 from msckf.propagation import G_W
-from msckf.start_bundle import Bundle, Points, Sight
 from msckf.start_guess import closed_form, rotation_bias
 from msckf.start_inertia import Inertia, Path, Window
+from msckf.start_points import Points, Sight
 from msckf.start_refinement import Refined, refine
 from msckf.static_start import force_surprise, gravity_aligned, static_start
 from msckf.views import Rig
@@ -118,7 +118,7 @@ def window_of(sequence, seconds=1.5, every=2, device=WIDE, cameras=1):
     views = table.views_of(rig, table.views >= 4)
     t_ns = [f.t_ns for f in frames]
     cells = [buffer.cells(a, b) for a, b in pairwise(t_ns)]
-    return Window(cells, Bundle.of(views), sequence.calibration.imu, device), t_ns
+    return Window(cells, views, sequence.calibration.imu, device), t_ns
 
 
 def true_path(sequence, t_ns):
@@ -184,19 +184,19 @@ def test_the_filter_starts_in_motion_with_it(moving):
 def test_rotations_of_bearings_give_the_gyros_bias(exact, b_g):
     biased = replace(exact, imu=ImuSamples(exact.imu.t_ns, exact.imu.gyro + b_g, exact.imu.accel))
     window, _ = window_of(biased)
-    np.testing.assert_allclose(rotation_bias(window.bundle, window.increments, WIDE), b_g, atol=1e-3)
+    np.testing.assert_allclose(rotation_bias(window.views, window.increments, WIDE), b_g, atol=1e-3)
 
 
 def test_noise_leaves_the_gyros_bias_better_known_than_before(moving):
     """One pixel of noise; what is left is the refinement's to find."""
     window, t_ns = window_of(moving)
     b_g = moving.truth.at(np.array(t_ns)).b_g.mean(axis=0)
-    assert np.abs(rotation_bias(window.bundle, window.increments, WIDE) - b_g).max() < 0.06
+    assert np.abs(rotation_bias(window.views, window.increments, WIDE) - b_g).max() < 0.06
 
 
 def test_the_closed_form_is_exact_without_noise(exact):
     window, t_ns = window_of(exact)
-    v_B, g_B = closed_form(window.bundle, window.increments)
+    v_B, g_B = closed_form(window.views, window.increments)
     truth = exact.truth.at(np.array([t_ns[0]]))
     np.testing.assert_allclose(v_B, truth.R_WB[0].T @ truth.v_WB[0], atol=0.02)
     np.testing.assert_allclose(g_B, truth.R_WB[0].T @ G_W, atol=0.02)
@@ -241,24 +241,24 @@ def test_what_the_imu_says_of_two_poses_by_all_columns(moving):
 def test_what_features_say_by_all_columns(moving, by):
     """Residuals of all views of some features by poses, and by a step of the points."""
     window, t_ns = window_of(moving, 0.8)
-    bundle = window.bundle.rows(np.arange(6))
+    views = window.views.rows(np.arange(6))
     path = true_path(moving, t_ns)
-    points = Points.triangulated(bundle, path.R, path.p)
-    sight = Sight.of(bundle, path.R, path.p, points)
-    F, K = len(bundle.seen), len(path.R)
-    assert bundle.seen.any(axis=1).all()
+    points = Points.triangulated(views, path.R, path.p)
+    sight = Sight.of(views, path.R, path.p, points)
+    F, K = len(views.seen), len(path.R)
+    assert views.seen.any(axis=1).all()
     if by == "path":
         J = np.zeros((F, K, 2, 9 * K + 6))
         for k in range(K):
             J[:, k, :, 9 * k : 9 * k + 6] = sight.H_x[:, k]
         J = J.reshape(F * K * 2, -1)
-        assert_jacobian(lambda x: -Sight.of(bundle, x.R, x.p, points).r.ravel(), path, J, moved, rtol=1e-5)
+        assert_jacobian(lambda x: -Sight.of(views, x.R, x.p, points).r.ravel(), path, J, moved, rtol=1e-5)
         return
     J = np.zeros((F, K, 2, F, 3))
     for f in range(F):
         J[f, :, :, f] = sight.H_f[f]
     assert_jacobian(
-        lambda x: -Sight.of(bundle, path.R, path.p, x).r.ravel(),
+        lambda x: -Sight.of(views, path.R, path.p, x).r.ravel(),
         points,
         J.reshape(F * K * 2, -1),
         lambda x, d: x.moved(d.reshape(F, 3), x.origin),
@@ -269,7 +269,7 @@ def test_what_features_say_by_all_columns(moving, by):
 def test_a_point_stays_where_it_is_when_it_is_seen_from_elsewhere(moving):
     window, t_ns = window_of(moving, 0.8)
     path = true_path(moving, t_ns)
-    points = Points.triangulated(window.bundle, path.R, path.p)
+    points = Points.triangulated(window.views, path.R, path.p)
     p_WF = points.origin + points.direction / points.inverse_range[:, None]
     again = points.moved(np.zeros((len(p_WF), 3)), points.origin + np.array([0.3, -0.2, 0.1]))
     np.testing.assert_allclose(again.origin + again.direction / again.inverse_range[:, None], p_WF, rtol=1e-9)
@@ -322,16 +322,26 @@ def test_a_scale_that_is_not_known_is_waited_for(moving):
     assert moving_start(window, replace(strict, patience_s=1.0), 1.0).state is not None
 
 
+def test_a_camera_that_misses_the_newest_image_leaves_the_start_to_the_other():
+    window, _ = window_of(simulate_points(seed=1, seconds=4.0, moving_start=True, cameras=2), 2.0, cameras=2)
+    seen = window.views.seen.copy()
+    seen[:, -1] = False
+    one_blind = replace(window, views=replace(window.views, seen=seen))
+    assert "few features" not in moving_start(one_blind, StartConfig(), 1.0).reason
+    seen[:, -2] = False
+    none_sees = replace(window, views=replace(window.views, seen=seen))
+    assert "few features" in moving_start(none_sees, StartConfig(), 1.0).reason
+
+
 def test_reasons_instead_of_a_wrong_start(moving):
     window, _ = window_of(moving)
-    few = replace(window, bundle=window.bundle.rows(np.arange(len(window.bundle.seen)) < 5))
+    few = replace(window, views=window.views.rows(np.arange(len(window.views.seen)) < 5))
     assert "few features" in moving_start(few, StartConfig(), 1.0).reason
-    b = window.bundle
+    b = window.views
     shuffled, odd = np.random.default_rng(0).permutation(len(b.seen)), np.arange(b.seen.shape[1]) % 2 == 1
     rays = np.where(odd[:, None], b.rays[shuffled], b.rays)
-    pixels = np.where(odd[:, None, None], b.pixels[shuffled], b.pixels)
     seen = b.seen & b.seen[shuffled]
     seen[:, -1] = True
-    result = moving_start(replace(window, bundle=replace(b, rays=rays, pixels=pixels, seen=seen)), StartConfig(), 1.0)
+    result = moving_start(replace(window, views=replace(b, bearings=rays, seen=seen)), StartConfig(), 1.0)
     assert result.state is None
     assert result.reason

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from msckf.bearings import across_and_along
 from msckf.config import VisionConfig
-from msckf.triangulation import across_and_along, triangulate
+from msckf.triangulation import triangulate
 from msckf.views import Rig, Views
 from tests.msckf import scenes
 

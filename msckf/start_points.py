@@ -9,56 +9,15 @@ from typing import ClassVar
 
 import numpy as np
 
+from msckf.bearings import tangents
 from msckf.views import Views
 from navcore import so3
-from navcore.arrays import Floats, Mask, Rotations, Stamps, Vectors
+from navcore.arrays import Floats, Mask, Rotations, Vectors
 
 _MIN_COSINE = 0.2  # between a bearing and the direction in which its point is predicted
 _INVERSE_RANGE = 0.3  # 1/m, of a point that nothing is known of
 _INVERSE_RANGE_SIGMA = 1.0  # 1/m, likewise
 _MAX_INVERSE_RANGE = 10.0  # 1/m
-
-
-@dataclass(frozen=True)
-class Bundle:
-    """F features over V views: each view is a pose seen through a camera.
-
-    Attributes:
-        pose: (V,) which pose, in order.
-        R_BC, p_BC: (V, 3, 3), (V, 3) m, the camera.
-        rays: (F, V, 3) unit bearings in C.
-        seen: (F, V).
-        pixels: (F, V, 2, 3) px, derivative of a pixel by its bearing.
-    """
-
-    pose: Stamps
-    R_BC: Rotations
-    p_BC: Vectors
-    rays: Vectors
-    seen: Mask
-    pixels: Floats
-
-    @staticmethod
-    def of(views: Views) -> "Bundle":
-        """The bundle of these views."""
-        rig, cameras = views.rig, views.cameras
-        rays = np.where(views.seen[..., None], views.rays, [0.0, 0.0, 1.0])
-        pixels = rig.project_jacobian(cameras, rays)[1] * views.seen[..., None, None]
-        return Bundle(views.poses, rig.R_BC[cameras], rig.p_BC[cameras], rays, views.seen, pixels)
-
-    def rows(self, mask: Mask) -> "Bundle":
-        """Only some of the features."""
-        return Bundle(self.pose, self.R_BC, self.p_BC, self.rays[mask], self.seen[mask], self.pixels[mask])
-
-    @property
-    def poses(self) -> int:
-        """K."""
-        return int(self.pose[-1]) + 1
-
-    def camera_poses(self, R_WB: Rotations, p_WB: Vectors) -> tuple[Rotations, Vectors]:
-        """R_WC (V, 3, 3), p_WC (V, 3) of every view, for body poses (K, 3, 3), (K, 3)."""
-        R = R_WB[self.pose]
-        return R @ self.R_BC, p_WB[self.pose] + (R @ self.p_BC[..., None])[..., 0]
 
 
 @dataclass(frozen=True)
@@ -81,16 +40,16 @@ class Points:
         return np.asarray(_INVERSE_RANGE - self.inverse_range)
 
     @staticmethod
-    def triangulated(bundle: Bundle, R_WB: Rotations, p_WB: Vectors) -> "Points":
+    def triangulated(views: Views, R_WB: Rotations, p_WB: Vectors) -> "Points":
         """Along the ray of each feature's last view, the inverse range that fits the other rays best."""
-        R_WC, p_WC = bundle.camera_poses(R_WB, p_WB)
-        rows, last = np.arange(len(bundle.seen)), _last(bundle.seen)
-        rays_W = (R_WC @ bundle.rays[..., None])[..., 0]
+        R_WC, p_WC = views.camera_poses(R_WB, p_WB)
+        rows, last = np.arange(len(views.seen)), views.last
+        rays_W = (R_WC @ views.rays[..., None])[..., 0]
         origin, direction = p_WC[last], rays_W[rows, last]
         base = p_WC - origin[:, None]  # direction - rho * base is parallel to the ray
         off = so3.cross(rays_W, direction[:, None])
         by_rho = so3.cross(rays_W, base)
-        weight = bundle.seen.astype(np.float64)
+        weight = views.seen.astype(np.float64)
         along = np.einsum("fv,fvi,fvi->f", weight, off, by_rho)
         size = np.einsum("fv,fvi,fvi->f", weight, by_rho, by_rho)
         # one milliradian of noise against the range known beforehand
@@ -111,17 +70,9 @@ class Points:
         return Points(origin, direction / norm[:, None], rho / norm)
 
 
-def tangents(direction: Vectors) -> Floats:
-    """Two unit vectors across each direction (F, 3), as columns (F, 3, 2)."""
-    helper = np.where(np.abs(direction[:, :1]) < 0.7, np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, 1.0, 0.0]]))
-    first = so3.cross(helper, direction)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([first, so3.cross(direction, first)], axis=-1)
-
-
 @dataclass(frozen=True)
 class Sight:
-    """Residuals of a bundle and their derivatives, in pixels; zero where not seen.
+    """Residuals of views and their derivatives, in pixels; zero where not seen.
 
     Attributes:
         r: (F, V, 2).
@@ -136,35 +87,30 @@ class Sight:
     behind: Mask
 
     @staticmethod
-    def of(bundle: Bundle, R_WB: Rotations, p_WB: Vectors, points: Points, *, by_poses: bool = True) -> "Sight":
+    def of(views: Views, R_WB: Rotations, p_WB: Vectors, points: Points, *, by_poses: bool = True) -> "Sight":
         """At poses (K, 3, 3), (K, 3); without derivatives by them if nobody asks."""
-        R_WC, p_WC = bundle.camera_poses(R_WB, p_WB)
+        R_WC, p_WC = views.camera_poses(R_WB, p_WB)
         rho = points.inverse_range[:, None, None]
         base = p_WC - points.origin[:, None]  # (F, V, 3)
         q_W = points.direction[:, None] - rho * base
         q = (np.swapaxes(R_WC, -1, -2) @ q_W[..., None])[..., 0]
-        depth = np.sum(q * bundle.rays, axis=-1)
+        depth = np.sum(q * views.rays, axis=-1)
         ahead = depth > _MIN_COSINE * np.linalg.norm(q, axis=-1)
         depth = np.where(ahead, depth, 1.0)[..., None]
-        uv = (bundle.pixels @ q[..., None])[..., 0] / depth
-        J = bundle.pixels / depth[..., None] - uv[..., None] * bundle.rays[..., None, :] / depth[..., None]
-        J = np.where((ahead & bundle.seen)[..., None, None], J, 0.0)
+        uv = (views.by_bearing @ q[..., None])[..., 0] / depth
+        J = views.by_bearing / depth[..., None] - uv[..., None] * views.rays[..., None, :] / depth[..., None]
+        J = np.where((ahead & views.seen)[..., None, None], J, 0.0)
         J_W = J @ np.swapaxes(R_WC, -1, -2)  # (F, V, 2, 3)
         H_x = np.zeros((*J.shape[:-1], 0))
         if by_poses:
-            R, p = R_WB[bundle.pose], p_WB[bundle.pose]
+            R, p = R_WB[views.poses], p_WB[views.poses]
             from_body = points.direction[:, None] - rho * (p - points.origin[:, None])
             H_theta = so3.cross(J_W, from_body[..., None, :]) @ R
             H_x = np.concatenate([H_theta, -rho[..., None] * J_W], axis=-1)
         H_f = np.concatenate([J_W @ tangents(points.direction)[:, None], -(J_W @ base[..., None])], axis=-1)
-        return Sight(np.where(ahead[..., None], -uv, 0.0), H_x, H_f, (~ahead & bundle.seen).any(axis=1))
+        return Sight(np.where(ahead[..., None], -uv, 0.0), H_x, H_f, (~ahead & views.seen).any(axis=1))
 
 
-def _last(seen: Mask) -> Stamps:
-    """(F,) the last view that saw each feature."""
-    return np.asarray(seen.shape[1] - 1 - np.argmax(seen[:, ::-1], axis=1))
-
-
-def last_origins(bundle: Bundle, R_WB: Rotations, p_WB: Vectors) -> Vectors:
+def last_origins(views: Views, R_WB: Rotations, p_WB: Vectors) -> Vectors:
     """(F, 3) where the camera was when it saw each feature last."""
-    return np.asarray(bundle.camera_poses(R_WB, p_WB)[1][_last(bundle.seen)])
+    return np.asarray(views.camera_poses(R_WB, p_WB)[1][views.last])
