@@ -159,7 +159,7 @@ class Split:
         return Split(self.r[mask], self.H[mask], self.r_1[mask], self.H_1[mask], self.R_1[mask])
 
 
-def split(views: Views, r: Floats, H_x: Floats, H_f: Floats, H_c: Floats | None = None) -> Split:
+def split(views: Views, r: Floats, H_x: Floats, H_f: Floats, H_c: Floats) -> Split:
     """Separate what the features' positions can explain from what they cannot.
 
     With H_f = Q_1 R_1 (reduced QR), I - Q_1 Q_1^T projects onto the left null space of H_f. Least squares and the
@@ -172,12 +172,9 @@ def split(views: Views, r: Floats, H_x: Floats, H_f: Floats, H_c: Floats | None 
         H_c: (F, 2 V, n) by other states, whose columns come before those of the poses.
     """
     F, V = r.shape[:2]
-    n = 0 if H_c is None else H_c.shape[-1]
-    H = np.zeros((F, 2 * V, n + 6 * views.count))
-    H[..., :n] = 0.0 if H_c is None else H_c
-    by_pose = H[..., n:].reshape(F, V, 2, views.count, 6)
+    by_pose = np.zeros((F, V, 2, views.count, 6))
     by_pose[:, np.arange(V), :, views.poses] = np.swapaxes(H_x, 0, 1)
-    H[..., n:] = by_pose.reshape(F, 2 * V, 6 * views.count)
+    H = np.concatenate([H_c, by_pose.reshape(F, 2 * V, 6 * views.count)], axis=-1)
     r = r.reshape(F, 2 * V)
     Q_1, R_1 = np.linalg.qr(H_f.reshape(F, 2 * V, 3))
     Q_t = np.swapaxes(Q_1, -1, -2)
@@ -220,7 +217,7 @@ def measure(
     config: VisionConfig,
     estimated: Estimated,
     moved: Floats | None = None,
-) -> VisualMeasurement | None:
+) -> VisualMeasurement:
     """Everything that F features seen from K clones say about the clones, gated and compressed.
 
     Args:
@@ -231,12 +228,7 @@ def measure(
         estimated: what that is.
         moved: (n,) error state by which the poses given differ from those that `P` is about; the measurement is of
             the latter, and any reprojection error is believed until the test.
-
-    Returns:
-        None if there is no feature.
     """
-    if len(views.uv) == 0:
-        return None
     points = triangulate(views, R_WB, p_WB, config)
     sane = points.valid & ((points.rms < 10.0 * config.pixel_noise) | (moved is not None))
     misfit = points.valid & ~sane

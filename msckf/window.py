@@ -14,7 +14,7 @@ from msckf.standstill import image_motion
 from msckf.state import FilterState
 from msckf.views import Views
 from msckf.visual import VisualMeasurement, VisualOutcome, measure
-from navcore.arrays import Floats, Mask, Vectors
+from navcore.arrays import Mask, Vectors
 
 _ITERATIONS = 8
 _SETTLED = 1e-3  # rad or m, norm of a step over the window
@@ -83,8 +83,6 @@ class VisualWindow:
         views = self.table.views_of(state.rig, chosen)
         unsure = np.diagonal(state.covariance)[VELOCITY].max() > config.unsure_velocity**2
         m = self._settled(state, views) if unsure else self._measured(state, views)
-        if m is None:
-            return VisualOutcome()
         if not unsure:
             self.noise.learn(m.nis, m.dof)
         where = np.flatnonzero(chosen)
@@ -104,33 +102,27 @@ class VisualWindow:
         self.table.consume(spent)
         return VisualOutcome(int(m.used.sum()), int(m.rejected.sum()), m.nis, m.dof)
 
-    def _measured(
-        self, state: FilterState, views: Views, P: Floats | None = None, moved: Floats | None = None
-    ) -> VisualMeasurement | None:
-        """What the views say at the present estimate; if it has moved since the covariance was `P`, of where it was."""
+    def _measured(self, state: FilterState, views: Views) -> VisualMeasurement:
+        """What the views say at the present estimate."""
         columns, clones = state.seen_columns, state.clones
-        poses = (clones.R_WB, clones.p_WB)
-        linear = state.linearisation_clones if moved is None else poses
-        P = state.covariance if P is None else P
-        by = None if moved is None else moved[columns]
-        return measure(views, *poses, *linear, P[np.ix_(columns, columns)], self.config, state.estimated, by)
+        P = state.covariance[np.ix_(columns, columns)]
+        return measure(views, clones.R_WB, clones.p_WB, *state.linearisation_clones, P, self.config, state.estimated)
 
-    def _settled(self, state: FilterState, views: Views) -> VisualMeasurement | None:
+    def _settled(self, state: FilterState, views: Views) -> VisualMeasurement:
         """The same, linearised where the update will end (iterated Kalman filter: Bell and Cathey 1993)."""
         before, columns = state.checkpoint(), state.seen_columns
-        dx = np.zeros(state.size)
+        P = before.covariance[np.ix_(columns, columns)]
+        dx = np.zeros(len(columns))
         for _ in range(_ITERATIONS):
-            m = self._measured(state, views, before.covariance, dx)
             at = state.clones.R_WB, state.clones.p_WB
+            m = measure(views, *at, *at, P, self.config, state.estimated, dx)
             state.back_to(before)
-            if m is None:
-                return None
             last = dx
             if m.used.any():
-                dx = state.update(m.H, columns, m.r, self.config.pixel_noise**2 * np.eye(len(m.r)))
-            if np.linalg.norm(dx[columns] - last[columns]) < _SETTLED:
+                dx = state.update(m.H, columns, m.r, self.config.pixel_noise**2 * np.eye(len(m.r)))[columns]
+            if np.linalg.norm(dx - last) < _SETTLED:
                 break
         state.back_to(before)
-        if m is not None and m.used.any():
+        if m.used.any():
             state.clones.R_first, state.clones.p_first = at
         return m

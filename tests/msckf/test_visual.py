@@ -53,12 +53,17 @@ def test_jacobians_by_pose_and_feature(rig):
     assert seen == {1: 20, 2: 30}[C]
 
 
+def nothing_else(r):
+    """Derivatives of residuals (F, V, 2) by no other state, (F, 2 V, 0)."""
+    return np.zeros((len(r), 2 * r.shape[1], 0))
+
+
 def test_a_feature_seen_by_both_cameras_is_one_feature():
     """Four rows for each pose, of one point; a feature of one camera has none in the other's place."""
     views, R_WB, p_WB, p_WF = scenes.views(F=3, K=5, rig=scenes.STEREO, noise=1.0)
     assert views.seen.sum(axis=1).tolist() == [10, 5, 5]
     linear = linearise(views, R_WB, p_WB, R_WB, p_WB, p_WF)[:3]
-    parts = split(views, *linear)
+    parts = split(views, *linear, nothing_else(linear[0]))
     for f, ranks in enumerate([(17, 3), (7, 3), (7, 3)]):
         assert np.linalg.matrix_rank(parts.R_1[f]) == ranks[1]
         basis = null_space(linear[2][f][views.seen[f]].reshape(-1, 3).T)
@@ -81,7 +86,8 @@ def test_a_baseline_of_known_length_makes_the_scale_seen():
     def along_scale(rig):
         views, R_WB, p_WB, p_WF = scenes.views(F=3, K=5, rig=rig)
         at_camera = p_WB + (R_WB @ rig.p_BC[0])  # the first camera's centre is what shrinks
-        parts = split(views, *linearise(views, R_WB, p_WB, R_WB, p_WB, p_WF)[:3])
+        linear = linearise(views, R_WB, p_WB, R_WB, p_WB, p_WF)[:3]
+        parts = split(views, *linear, nothing_else(linear[0]))
         d = np.zeros((5, 6))
         d[:, 3:] = at_camera - at_camera[0]
         return np.linalg.norm(parts.H[0] @ d.ravel())
@@ -137,7 +143,7 @@ def test_the_calibrations_columns_come_before_the_poses():
     views, R_WB, p_WB, p_WF = scenes.views(F=3, K=5, rig=scenes.STEREO, noise=1.0)
     r, H_x, H_f, p_linear = linearise(views, R_WB, p_WB, R_WB, p_WB, p_WF)
     H_c = by_calibration(views, H_f, R_WB, p_WB, p_linear, Estimated(extrinsics=True))
-    without, parts = split(views, r, H_x, H_f), split(views, r, H_x, H_f, H_c)
+    without, parts = split(views, r, H_x, H_f, nothing_else(r)), split(views, r, H_x, H_f, H_c)
     np.testing.assert_allclose(parts.H[..., 12:], without.H, atol=1e-12)
     Q = np.linalg.qr(H_f.reshape(3, 20, 3))[0]
     np.testing.assert_allclose(parts.H[..., :12], H_c - Q @ (np.swapaxes(Q, 1, 2) @ H_c), atol=1e-9)
@@ -185,7 +191,7 @@ def explicit(views, r, H_x, H_f, f):
 
 def test_projection_keeps_what_a_left_null_space_basis_keeps():
     views, (r, H_x, H_f), P = linear_system()
-    parts = split(views, r, H_x, H_f)
+    parts = split(views, r, H_x, H_f, nothing_else(r))
     r_0, H_0 = parts.r, parts.H
     nis = normalised_innovations(r_0, H_0, P, pixel_noise=1.3)
     for f in range(len(r)):
@@ -199,7 +205,7 @@ def test_projection_keeps_what_a_left_null_space_basis_keeps():
 def test_the_two_parts_of_a_split_hold_everything():
     """[H, 0; H_1, R_1] has the normal equations of all rows [H_x, H_f], feature by feature."""
     views, (r, H_x, H_f), _ = linear_system()
-    parts = split(views, r, H_x, H_f)
+    parts = split(views, r, H_x, H_f, nothing_else(r))
     F, K = r.shape[:2]
     for f in range(F):
         whole = np.zeros((2 * K, 6 * K + 3))
@@ -269,7 +275,8 @@ def test_a_feature_that_moved_by_itself_is_refused():
 def test_nothing_seen_nothing_said():
     views, R_WB, p_WB, _ = scenes.views()
     none = views.rows(np.zeros(12, dtype=bool))
-    assert measure(none, R_WB, p_WB, R_WB, p_WB, np.eye(48), VisionConfig(), NOTHING) is None
+    m = measure(none, R_WB, p_WB, R_WB, p_WB, np.eye(48), VisionConfig(), NOTHING)
+    assert len(m.used) == len(m.r) == 0
     behind = Views(views.rig, views.uv[:, ::-1], views.seen)  # parallax the wrong way
     m = measure(behind, R_WB, p_WB, R_WB, p_WB, np.eye(48), VisionConfig(), NOTHING)
     assert not m.used.any()
