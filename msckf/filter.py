@@ -135,16 +135,17 @@ class Filter:
             InputError: the frame is not newer than the last, or so far ahead that its stamp must be wrong; the
                 estimate is as it was. A second frame that follows one refused for being ahead is taken.
         """
-        last, most = self._newest_frame_ns, round(1e9 * self.config.health.max_ahead_s)
-        if last is not None and frame.t_ns <= last:
-            raise InputError(f"frame at {frame.t_ns} ns does not follow the last, at {last} ns")
-        known = [t for t in (last, self._buffer.newest_ns, self._refused_ns) if t is not None]
-        self._refused_ns = None
-        if last is not None and not any(0 < frame.t_ns - t <= most or t >= frame.t_ns for t in known[:2]):
-            ahead_s = (frame.t_ns - max(known[:2])) * 1e-9
-            if not any(0 < frame.t_ns - t <= most for t in known[2:]):
+        last, refused_ns = self._newest_frame_ns, self._refused_ns
+        if last is not None:
+            if frame.t_ns <= last:
+                raise InputError(f"frame at {frame.t_ns} ns does not follow the last, at {last} ns")
+            most_s = self.config.health.max_ahead_s
+            ahead_s = (frame.t_ns - max(last, self._buffer.newest_ns or last)) * 1e-9
+            confirmed = refused_ns is not None and 0.0 < (frame.t_ns - refused_ns) * 1e-9 <= most_s
+            if ahead_s > most_s and not confirmed:
                 self._refused_ns = frame.t_ns
                 raise InputError(f"frame at {frame.t_ns} ns is {ahead_s:.1f} s ahead of all that came before")
+        self._refused_ns = None
         self._newest_frame_ns = frame.t_ns
         self._frames.append(frame)
         return self._answer(final=False)
