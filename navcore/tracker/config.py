@@ -22,7 +22,5 @@ class TrackerConfig:
     border: int = 8  # px, features closer to the edge end
     epipolar_threshold: float = 1.5  # px
     hypotheses: int = 40  # of the two-point RANSAC
-    stereo_threshold: float = (
-        2.5  # px from the calibrated epipolar line: cameras sit a little elsewhere than calibrated
-    )
+    stereo_threshold: float = 2.5  # px from the epipolar line, as far as the calibration knows that
     max_skipped: int = 5  # images in a row that may be missing or useless before features end

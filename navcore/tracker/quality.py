@@ -36,15 +36,21 @@ class ImageQuality:
     @property
     def fault(self) -> str | None:
         """What is wrong with the image, in a word or two, or None."""
-        if self.mean < 12.0 and self.contrast < 6.0:
+        if self._dark:
             return "image dark"
         if self.saturated > 0.6:
             return "image saturated"
-        if self.contrast < 4.0:
-            return "image without texture"
-        return None
+        return "image without texture" if self._flat else None
 
     @property
     def useless(self) -> bool:
         """Whether nothing can be followed into the image; any other fault is a remark."""
-        return self.contrast < (6.0 if self.mean < 12.0 else 4.0)
+        return self._dark or self._flat
+
+    @property
+    def _dark(self) -> bool:
+        return self.mean < 12.0 and self.contrast < 6.0
+
+    @property
+    def _flat(self) -> bool:
+        return self.contrast < 4.0
