@@ -51,13 +51,13 @@ def find_corners(
     blocked = np.zeros((h, w), dtype=np.uint8)
     at = np.clip(np.round(taken / 2.0).astype(np.int64), 0, [w - 1, h - 1])
     blocked[at[:, 1], at[:, 0]] = 1
-    strength[cv2.dilate(blocked, around) > 0] = 0.0
+    strength *= 1 - cv2.dilate(blocked, around)
     edge = (config.border + 2) // 2
     peak = np.zeros((h, w), dtype=bool)
     inner = np.s_[edge : h - edge, edge : w - edge]
     floor = config.strength / exposed.gain**2
     peak[inner] = (strength == cv2.dilate(strength, around))[inner] & (strength > floor)[inner]
-    v, u = np.nonzero(peak)
+    v, u = np.divmod(np.flatnonzero(peak), w)
     order = np.argsort(-strength[v, u], kind="stable")
     uv: Pixels = 2.0 * np.column_stack([u[order], v[order]]).astype(np.float64)
     cells = grid.cells(uv)

@@ -58,13 +58,14 @@ class StereoMatcher:
         if len(new) == 0:
             return 0
         uv, found = flow(one.newest, other.newest, one.uv[new], start, config, changed=changed)
-        back, returned = flow(other.newest, one.newest, uv, one.uv[new], config, changed=changed)
-        found &= returned & (np.linalg.norm(back - one.uv[new], axis=1) < _RETURN_PX)
         new, uv = new[found], uv[found]
         bearings = other.camera.unproject(uv)
         fits, _ = self._judge(rotated[new], bearings)
-        self._add(one.ids[new[fits]], uv[fits], bearings[fits])
-        return int(fits.sum())
+        new, uv, bearings = new[fits], uv[fits], bearings[fits]
+        back, returned = flow(other.newest, one.newest, uv, one.uv[new], config, changed=changed)
+        returned &= np.linalg.norm(back - one.uv[new], axis=1) < _RETURN_PX
+        self._add(one.ids[new[returned]], uv[returned], bearings[returned])
+        return int(returned.sum())
 
     def _add(self, ids: Stamps, uv: Pixels, bearings: Vectors) -> None:
         """Take new matches; what the second camera followed for itself gives way to them."""

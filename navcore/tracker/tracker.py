@@ -154,6 +154,8 @@ class Tracker:
     def _expected_parallax(self) -> Pixels:
         """(N, 2) px, what each moved last; for new ones the median of the others."""
         known = np.isfinite(self._parallax[:, 0])
+        if known.all():
+            return self._parallax
         usual = np.median(self._parallax[known], axis=0) if known.any() else np.zeros(2)
         return np.where(known[:, None], self._parallax, usual)
 
