@@ -107,7 +107,7 @@ def update_landmarks(state: FilterState, observations: Observations, config: Vis
     passed = (nis <= chi_square_quantile(config.gate_probability, 2.0)) & (p_CF > config.min_depth)
     rows = np.repeat(passed, 2)
     if passed.any():
-        state.correct(HP[rows], S[np.ix_(rows, rows)], r[passed].ravel())
+        state.correct(HP[rows], S[rows][:, rows], r[passed].ravel())
     misfit = np.bincount(which[nis > chi_square_quantile(_ENDS_BEYOND, 2.0)], minlength=len(state.landmarks)) > 0
     state.drop_landmarks(misfit | (state.landmarks.y[:, 2] <= 1.0 / config.max_landmark_depth))
     return VisualOutcome(int(passed.sum()), int((~passed).sum()), nis, np.full(N, 2.0))

@@ -3,7 +3,8 @@
 from copy import copy
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg.blas import dtrsm
+from scipy.sparse import csr_array
 
 from msckf.blocks import ACCEL_BIAS, BIASES, GYRO_BIAS, IMU_SIZE, POSITION, THETA, VELOCITY
 from msckf.clones import Clones
@@ -206,7 +207,7 @@ class FilterState:
         if not mask.any():
             return
         keep = np.r_[0 : self.clone_stop, self.landmark_columns(np.flatnonzero(~mask))]
-        self._P = self._P[np.ix_(keep, keep)]
+        self._P = self._P[keep][:, keep]
         self.landmarks = self.landmarks.rows(~mask)
 
     def estimate_calibration(self, estimated: Estimated, covariance: Floats) -> None:
@@ -253,10 +254,11 @@ class FilterState:
         Returns:
             (N q, size), (N q, N q).
         """
-        N, q, _ = H.shape
-        HP = (H @ self._P[columns]).reshape(N * q, self.size)
-        HPH = np.moveaxis(HP[:, columns], 0, 1) @ np.swapaxes(H, -1, -2)  # (N, N q, q)
-        return HP, np.moveaxis(HPH, 0, 1).reshape(N * q, N * q)
+        N, q, m = H.shape
+        rows = np.arange(0, H.size + 1, m)  # where each begins
+        sparse = csr_array((H.ravel(), np.repeat(columns, q, axis=0).ravel(), rows), shape=(N * q, self.size))
+        HP = sparse @ self._P
+        return HP, sparse @ HP.T
 
     def correct(self, HP: Floats, S: Floats, r: Floats) -> Floats:
         """Kalman update by H P (m, size), innovation covariance S (m, m) and innovation r (m,).
@@ -265,8 +267,9 @@ class FilterState:
         Returns the correction (size,).
         """
         L = np.linalg.cholesky(S)
-        V = solve_triangular(L, np.column_stack([HP, r]), lower=True, check_finite=False)  # (m, size + 1)
-        squared = V.T @ V
+        HP_r = np.column_stack([HP, r])  # (m, size + 1)
+        V_t = dtrsm(1.0, L.T, HP_r.T, side=1, overwrite_b=1)  # solves V^T L^T = (HP, r)^T, which needs no copy
+        squared = V_t @ V_t.T
         self._P = self._P - squared[:-1, :-1]
         dx = squared[:-1, -1]
         self._apply(dx)

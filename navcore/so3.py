@@ -9,15 +9,15 @@ from scipy.spatial.transform import Rotation
 from navcore.arrays import Floats, Quaternions, Rotations, Vectors
 
 _SMALL_ANGLE_SQUARED = 1e-6  # below it the Taylor series is exact to rounding
+_GENERATORS = np.zeros((3, 3, 3))  # hat(e_0), hat(e_1), hat(e_2)
+for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    _GENERATORS[_i, _k, _j], _GENERATORS[_i, _j, _k] = 1.0, -1.0
 
 
 def hat(v: Vectors) -> Floats:
     """The skew-symmetric matrices of `v`: (..., 3) to (..., 3, 3), with `hat(v) @ u == cross(v, u)`."""
     v = np.asarray(v, dtype=np.float64)
-    out = np.zeros((*v.shape, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
-    return out
+    return np.asarray(v @ _GENERATORS.reshape(3, 9)).reshape(*v.shape, 3)
 
 
 def cross(a: Vectors, b: Vectors) -> Vectors:
@@ -32,25 +32,36 @@ def vee(m: Floats) -> Vectors:
     return np.stack([m[..., 2, 1], m[..., 0, 2], m[..., 1, 0]], axis=-1)
 
 
-def _coefficients(theta_squared: Floats) -> tuple[Floats, Floats, Floats]:
-    """sin(t)/t, (1 - cos t)/t^2 and (t - sin t)/t^3, by series where t is small."""
-    small = theta_squared < _SMALL_ANGLE_SQUARED
-    t2 = np.where(small, 1.0, theta_squared)
-    t = np.sqrt(t2)
-    s = theta_squared
-    sinc = np.where(small, 1.0 - s / 6.0 + s * s / 120.0, np.sin(t) / t)
-    half = np.sin(0.5 * t)
-    cosc = np.where(small, 0.5 - s / 24.0 + s * s / 720.0, 2.0 * half * half / t2)
-    cubic = np.where(small, 1.0 / 6.0 - s / 120.0 + s * s / 5040.0, (t - np.sin(t)) / (t2 * t))
-    return sinc, cosc, cubic
+def _sinc(t: Floats) -> Floats:
+    """sin(t) / t."""
+    t = np.where(t == 0.0, 1e-30, t)
+    return np.asarray(np.sin(t) / t)
+
+
+def _cosc(t: Floats) -> Floats:
+    """(1 - cos t) / t^2."""
+    half = _sinc(0.5 * t)
+    return np.asarray(0.5 * half * half)
+
+
+def _cubic(t: Floats) -> Floats:
+    """(t - sin t) / t^3, by series where t is small."""
+    s = t * t
+    small = s < _SMALL_ANGLE_SQUARED
+    t = np.where(small, 1.0, t)
+    return np.where(small, 1.0 / 6.0 - s / 120.0 + s * s / 5040.0, (t - np.sin(t)) / (t * t * t))
+
+
+def _angle(phi: Vectors) -> Floats:
+    """(..., 1, 1) of rotation vectors (..., 3)."""
+    return np.sqrt(np.sum(phi * phi, axis=-1))[..., None, None]
 
 
 def exp(phi: Vectors) -> Rotations:
     """Rotation matrices of rotation vectors [rad]: (..., 3) to (..., 3, 3). Solà et al. eq. (132)."""
     phi = np.asarray(phi, dtype=np.float64)
-    sinc, cosc, _ = _coefficients(np.sum(phi * phi, axis=-1))
-    K = hat(phi)
-    return np.eye(3) + sinc[..., None, None] * K + cosc[..., None, None] * (K @ K)
+    t, K = _angle(phi), hat(phi)
+    return np.eye(3) + _sinc(t) * K + _cosc(t) * (K @ K)
 
 
 def log(R: Rotations) -> Vectors:
@@ -62,9 +73,8 @@ def log(R: Rotations) -> Vectors:
 def right_jacobian(phi: Vectors) -> Floats:
     """J_r with Exp(phi + d) = Exp(phi) Exp(J_r d): (..., 3) to (..., 3, 3). Solà et al. eq. (143)."""
     phi = np.asarray(phi, dtype=np.float64)
-    _, cosc, cubic = _coefficients(np.sum(phi * phi, axis=-1))
-    K = hat(phi)
-    return np.eye(3) - cosc[..., None, None] * K + cubic[..., None, None] * (K @ K)
+    t, K = _angle(phi), hat(phi)
+    return np.eye(3) - _cosc(t) * K + _cubic(t) * (K @ K)
 
 
 def left_jacobian(phi: Vectors) -> Floats:
