@@ -125,16 +125,13 @@ def _predict(state: FilterState, which: Stamps, cameras: Stamps, uv: Floats) -> 
     p_AF = landmarks.p_AF[which]
     R_CB, p_BC = np.swapaxes(rig.R_BC, -1, -2)[cameras], rig.p_BC[cameras]
 
-    def seen(R_WB: Rotations, p_WB: Vectors) -> tuple[Vectors, Vectors]:
-        p_WF = (R_WB[anchors] @ p_AF[..., None])[..., 0] + p_WB[anchors]
-        p_BF = (p_WF - p_WB[k]) @ R_WB[k]
-        return p_BF, (R_CB @ (p_BF - p_BC)[..., None])[..., 0]
-
-    p_CF = seen(state.clones.R_WB, state.clones.p_WB)[1]
-    uv_hat, _ = rig.project_jacobian(cameras, p_CF)
     R, p = state.linearisation_clones
-    p_BF_lin, p_CF_lin = seen(R, p)
-    _, J = rig.project_jacobian(cameras, p_CF_lin)
+    R_both, p_both = np.stack([state.clones.R_WB, R]), np.stack([state.clones.p_WB, p])  # (2, K, ...)
+    p_WF = (R_both[:, anchors] @ p_AF[..., None])[..., 0] + p_both[:, anchors]
+    p_BF = (p_WF - p_both[:, k, None]) @ R_both[:, k]  # (2, N, 3)
+    p_CF = (R_CB @ (p_BF - p_BC)[..., None])[..., 0]
+    (uv_hat, _), (_, J) = zip(*rig.project_jacobian(cameras, p_CF), strict=True)
+    (_, p_BF_lin), (p_CF, p_CF_lin) = p_BF, p_CF
     J_B = J @ R_CB  # (N, 2, 3)
     J_W = J_B @ R[k].T
     J_A = J_W @ R[anchors]

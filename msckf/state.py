@@ -276,7 +276,11 @@ class FilterState:
         return dx
 
     def _apply(self, dx: Floats) -> None:
-        self.R_WB = so3.normalise(self.R_WB @ so3.exp(dx[THETA]))
+        d = dx[self.clone_start : self.clone_stop].reshape(-1, CLONE_SIZE)
+        R = np.concatenate([self.R_WB[None], self.clones.R_WB])
+        R = so3.normalise(R @ so3.exp(np.concatenate([dx[None, THETA], d[:, :3]])))
+        self.R_WB, self.clones.R_WB = R[0], R[1:]
+        self.clones.p_WB = self.clones.p_WB + d[:, 3:]
         self.p_WB = self.p_WB + dx[POSITION]
         self.v_WB = self.v_WB + dx[VELOCITY]
         self.b_g = self.b_g + dx[GYRO_BIAS]
@@ -291,10 +295,6 @@ class FilterState:
                 self.rig = self.rig.projects_otherwise(by_camera[:, -INTRINSICS_SIZE:])
         if self.c is not None:
             self.c = self.c + dx[self.prior_error]
-        if len(self.clones):
-            d = dx[self.clone_start : self.clone_stop].reshape(-1, CLONE_SIZE)
-            self.clones.R_WB = so3.normalise(self.clones.R_WB @ so3.exp(d[:, :3]))
-            self.clones.p_WB = self.clones.p_WB + d[:, 3:]
         if len(self.landmarks):
             self.landmarks.y = self.landmarks.y + dx[self.clone_stop :].reshape(-1, LANDMARK_SIZE)
 

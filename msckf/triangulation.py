@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from msckf.bearings import across_and_along, tangents
+from msckf.bearings import across_and_along
 from msckf.config import VisionConfig
 from msckf.views import Views
 from navcore.arrays import Floats, Mask, Rotations, Vectors
@@ -56,16 +56,15 @@ def triangulate(views: Views, R_WB: Rotations, p_WB: Vectors, config: VisionConf
     frame = across_and_along(rays[rows, anchor])
     towards = p_WC[anchor][:, None] - p_WC  # (F, V, 3) from every view to the anchor
     focal = np.array([camera.focal for camera in views.rig.cameras])[views.cameras]
-    across = np.swapaxes(tangents(rays), -1, -2) * (views.seen * focal)[..., None, None]  # (F, V, 2, 3) px
     V = rays.shape[1]
-    system = np.empty((F, V, 2, 4))  # px: columns by x, and what is left at x = 0
-    system[..., :2] = across @ frame[:, None, :, :2]
-    system[..., 2:3] = across @ towards[..., None]
-    system[..., 3:] = across @ frame[:, None, :, 2:]
+    linear = np.empty((F, V, 3, 4))  # directions times inverse range: columns by x, and what is left at x = 0
+    linear[..., :2], linear[..., 2], linear[..., 3] = frame[:, None, :, :2], towards, frame[:, None, :, 2]
+    along = rays[..., None, :] @ linear
+    system = (linear - rays[..., None] * along) * (views.seen * focal)[..., None, None]  # px across the rays
 
     scale = np.ones((F, V))
     for _ in range(_STEPS):
-        weighted = (system / scale[..., None, None]).reshape(F, 2 * V, 4)
+        weighted = (system / scale[..., None, None]).reshape(F, 3 * V, 4)
         gram = np.swapaxes(weighted, -1, -2) @ weighted  # (F, 4, 4)
         normal = gram[:, :3, :3] + np.eye(3) * (1e-12 * np.einsum("faa->f", gram[:, :3, :3]) + 1e-9)[:, None, None]
         inverse = np.linalg.inv(normal)

@@ -62,8 +62,8 @@ class Rig:
             return self.cameras[0].project_jacobian(p_CF)
         uv, J = np.empty((*p_CF.shape[:-1], 2)), np.empty((*p_CF.shape[:-1], 2, 3))
         for c, camera in enumerate(self.cameras):
-            n = cameras == c
-            uv[..., n, :], J[..., n, :, :] = camera.project_jacobian(p_CF[..., n, :])
+            n = np.flatnonzero(cameras == c)
+            uv[..., n, :], J[..., n, :, :] = camera.project_jacobian(p_CF.take(n, axis=-2))
         return uv, J
 
     def by_intrinsics(self, cameras: Stamps, p_CF: Vectors) -> Floats:

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from msckf.chi_square import chi_square_quantile
 from msckf.config import VisionConfig
@@ -74,20 +73,18 @@ def linearise(
         r (F, V, 2), H_x (F, V, 2, 6) by (dtheta, dp) of the clone that saw it, H_f (F, V, 2, 3), zero where not seen;
         and where the features were linearised, (F, 3).
     """
-    rig = views.rig
-    weight = views.seen.astype(np.float64)[..., None]
-    uv, _ = rig.project_jacobian(views.cameras, _in_camera(views, R_WB, p_WB, features)[1])
-    r = (views.uv - uv) * weight
-
+    rig, weight = views.rig, views.seen.astype(np.float64)[..., None]
     last = views.poses[views.last]
     in_last = np.swapaxes(R_WB[last], -1, -2) @ (features - p_WB[last])[..., None]
     moved = p_lin[last] + (R_lin[last] @ in_last)[..., 0]
-    p_BF, p_CF = _in_camera(views, R_lin, p_lin, moved)
-    _, J = rig.project_jacobian(views.cameras, p_CF)
+    both = np.stack([R_WB, R_lin]), np.stack([p_WB, p_lin]), np.stack([features, moved])
+    p_BF, p_CF = _in_camera(views, *both)
+    uv, J = rig.project_jacobian(views.cameras, p_CF)
+    r = (views.uv - uv[0]) * weight
     R_CB = np.swapaxes(rig.R_BC, -1, -2)[views.cameras]  # (V, 3, 3)
-    J_B = (J * weight[..., None]) @ R_CB
+    J_B = (J[1] * weight[..., None]) @ R_CB
     H_f = J_B @ np.swapaxes(R_lin, -1, -2)[views.poses]
-    H_x = np.concatenate([J_B @ so3.hat(p_BF), -H_f], axis=-1)
+    H_x = np.concatenate([J_B @ so3.hat(p_BF[1]), -H_f], axis=-1)
     return r, H_x, H_f, moved
 
 
@@ -132,9 +129,13 @@ def camera_jacobian(
 
 
 def _in_camera(views: Views, R_WB: Rotations, p_WB: Vectors, features: Vectors) -> tuple[Vectors, Vectors]:
-    """Features (F, 3) in the body frame and in the camera frame of every view, (F, V, 3) each."""
+    """Features (..., F, 3) in the body frame and the camera frame of every view, (..., F, V, 3) each.
+
+    For poses R_WB (..., K, 3, 3), p_WB (..., K, 3).
+    """
     rig = views.rig
-    p_BF = (np.swapaxes(R_WB, -1, -2)[views.poses] @ (features[:, None] - p_WB[views.poses])[..., None])[..., 0]
+    R_BW = np.swapaxes(R_WB, -1, -2)[..., None, views.poses, :, :]
+    p_BF = (R_BW @ (features[..., None, :] - p_WB[..., None, views.poses, :])[..., None])[..., 0]
     R_CB = np.swapaxes(rig.R_BC, -1, -2)[views.cameras]
     return p_BF, (R_CB @ (p_BF - rig.p_BC[views.cameras])[..., None])[..., 0]
 
@@ -174,12 +175,12 @@ def split(views: Views, r: Floats, H_x: Floats, H_f: Floats, H_c: Floats) -> Spl
     F, V = r.shape[:2]
     by_pose = np.zeros((F, V, 2, views.count, 6))
     by_pose[:, np.arange(V), :, views.poses] = np.swapaxes(H_x, 0, 1)
-    H = np.concatenate([H_c, by_pose.reshape(F, 2 * V, 6 * views.count)], axis=-1)
-    r = r.reshape(F, 2 * V)
+    rows = [H_c, by_pose.reshape(F, 2 * V, 6 * views.count), r.reshape(F, 2 * V, 1)]
+    H_r = np.concatenate(rows, axis=-1)
     Q_1, R_1 = np.linalg.qr(H_f.reshape(F, 2 * V, 3))
-    Q_t = np.swapaxes(Q_1, -1, -2)
-    r_1, H_1 = (Q_t @ r[..., None])[..., 0], Q_t @ H
-    return Split(r - (Q_1 @ r_1[..., None])[..., 0], H - Q_1 @ H_1, r_1, H_1, R_1)
+    own = np.swapaxes(Q_1, -1, -2) @ H_r
+    rest = H_r - Q_1 @ own
+    return Split(rest[..., -1], rest[..., :-1], own[..., -1], own[..., :-1], R_1)
 
 
 def normalised_innovations(r: Floats, H: Floats, P: Floats, pixel_noise: float) -> Floats:
@@ -193,18 +194,20 @@ def normalised_innovations(r: Floats, H: Floats, P: Floats, pixel_noise: float) 
 def compress(r: Floats, H: Floats) -> tuple[Floats, Floats]:
     """The same information in at most as many rows as columns: (m,), (m, n) to (min(m, n),), (min(m, n), n).
 
-    By the Cholesky factor of H^T H, after its columns are scaled to length one, which costs a fifth of a QR. It loses
-    the singular values of H below 1e-8 of the largest, and `_FLOOR` puts a little in their place, where the pixels say
-    nothing: about 2e-3 px/m, which over ten minutes knows a position to 30 m (docs/filter.md, section 4.7).
+    By the Cholesky factor of (H, r)^T (H, r), after the columns are scaled to length one, which costs a fifth of a QR.
+    It loses the singular values of H below 1e-8 of the largest, and `_FLOOR` puts a little in their place, where the
+    pixels say nothing: about 2e-3 px/m, which over ten minutes knows a position to 30 m (docs/filter.md, section 4.7).
     """
-    if H.shape[0] <= H.shape[1]:
+    m, n = H.shape
+    if m <= n:
         return r, H
-    A, b = H.T @ H, H.T @ r
+    H_r = np.column_stack([H, r])
+    A = H_r.T @ H_r
     length = np.sqrt(np.diagonal(A)) + 1e-9
-    A /= np.outer(length, length)
-    A[np.diag_indices_from(A)] += _FLOOR
-    L = np.linalg.cholesky(A)
-    return solve_triangular(L, b / length, lower=True, check_finite=False), L.T * length
+    A /= length[:, None] * length
+    A.flat[:: n + 2] += _FLOOR
+    L = np.linalg.cholesky(A) * length[:, None]
+    return L[n, :n], L[:n, :n].T
 
 
 def measure(
