@@ -123,10 +123,9 @@ class Frontend:
             return True
         if first_sees:
             self._matchers[c - 1].match()
-            shared = np.isin(tracker.ids, self._trackers[0].ids)
-        else:
-            shared = np.ones(len(tracker.ids), dtype=bool)
-        tracker.begin(tracker.grid.counts(tracker.uv[shared]) == 0)
+        if tracker.has_room:
+            shared = np.isin(tracker.ids, self._trackers[0].ids) | (not first_sees)
+            tracker.begin(tracker.grid.counts(tracker.uv[shared]) == 0)
         return True
 
 

@@ -16,10 +16,11 @@ class Grid:
         self.size = self.columns * self.rows
         self.share = -(-config.max_features // self.size)
         self._cell = np.array([width / self.columns, height / self.rows])
+        self._last = np.array([self.columns - 1, self.rows - 1])
 
     def cells(self, uv: Pixels) -> Stamps:
         """(N,) in which cell pixels (N, 2) lie."""
-        at = np.clip((uv / self._cell).astype(np.int64), 0, [self.columns - 1, self.rows - 1])
+        at = np.clip((uv / self._cell).astype(np.int64), 0, self._last)
         return np.asarray(at[:, 1] * self.columns + at[:, 0])
 
     def counts(self, uv: Pixels) -> Stamps:

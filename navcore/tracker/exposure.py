@@ -50,7 +50,7 @@ class Exposed:
     def around(self, uv: Pixels) -> Floats:
         """(N,) mean grey values around pixels (N, 2)."""
         h, w = self.thumbnail.shape
-        at = np.clip((uv / (2 * _SCALE)).astype(int), 0, [w - 1, h - 1])
+        at = np.clip((uv / (2 * _SCALE)).astype(int), 0, np.array([w - 1, h - 1]))
         return np.asarray(self.thumbnail[at[:, 1], at[:, 0]], dtype=np.float64)
 
 

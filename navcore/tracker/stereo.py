@@ -51,18 +51,18 @@ class StereoMatcher:
         one, other, config = self._tracker, self._other, self._other.config
         assert one.newest is not None
         assert other.newest is not None
+        if len(new) == 0:
+            return 0
         start = self._start(one.uv[new], rotated[new], one.uv[matched], inverse_range)
         inside = other.camera.inside(start)
         new, start = new[inside], start[inside]
         changed = abs(one.newest.mean - other.newest.mean) > config.brightness_change
-        if len(new) == 0:
-            return 0
-        uv, found = flow(one.newest, other.newest, one.uv[new], start, config, changed=changed)
+        uv, found = flow(one.newest, other.newest, one.uv[new], start, config, changed=changed, levels=config.levels)
         new, uv = new[found], uv[found]
         bearings = other.camera.unproject(uv)
         fits, _ = self._judge(rotated[new], bearings)
         new, uv, bearings = new[fits], uv[fits], bearings[fits]
-        back, returned = flow(other.newest, one.newest, uv, one.uv[new], config, changed=changed)
+        back, returned = flow(other.newest, one.newest, uv, one.uv[new], config, changed=changed, levels=config.levels)
         returned &= np.linalg.norm(back - one.uv[new], axis=1) < _RETURN_PX
         self._add(one.ids[new[returned]], uv[returned], bearings[returned])
         return int(returned.sum())

@@ -91,14 +91,21 @@ class Tracker:
         self._skipped = 0
         return True
 
+    @property
+    def has_room(self) -> bool:
+        """Whether so many features are missing that new ones are looked for."""
+        return self.config.max_features - len(self.ids) >= self.config.refill
+
     def begin(self, cells: Mask | None = None) -> None:
         """The second half of `track`: new features where there is room, in some cells or all."""
         assert self.newest is not None
+        if not self.has_room:
+            return
         room = self.config.max_features - len(self.ids)
         wanted = np.maximum(self.grid.share - self.grid.counts(self.uv), 0)
         if cells is not None:
             wanted[~cells] = 0
-        if min(room, int(wanted.sum())) < self.config.refill:
+        if wanted.sum() < self.config.refill:
             return
         uv = find_corners(self.newest, self.uv, wanted, room, self.grid, self.config)
         self.add(self._numbers.take(len(uv)), uv, self.camera.unproject(uv))
@@ -132,7 +139,9 @@ class Tracker:
         start = np.where(self.camera.inside(start, 0.0)[:, None], start, self.uv)
         change = brightness_change(before, self.uv, now, start)
         changed = abs(change) > self.config.brightness_change
-        uv, good = flow(before, now, self.uv, start, self.config, changed=changed)
+        led = R_C1C0 is not None and self._skipped == 0
+        levels = self.config.led_levels if led else self.config.levels
+        uv, good = flow(before, now, self.uv, start, self.config, changed=changed, levels=levels)
         lost = ~good
         if lost.sum() > max(_MANY, len(lost) // 3):
             uv[lost], good[lost] = flow_in_other_light(before, now, self.uv[lost], start[lost], self.config)
