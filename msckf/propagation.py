@@ -111,10 +111,10 @@ def integrate(cells: Cells, b_g: Vectors, b_a: Vectors, noise: ImuNoise) -> Incr
     delta_p = np.sum(v_before * dt[:, None] + (R[:n] @ dp[:n, :, None])[:, :, 0], axis=0)
 
     # Rotate position and velocity rows of every cell into B at the start of all.
-    F[:, POSITION, THETA] = np.tile(R[:n], (2, 1, 1)) @ F[:, POSITION, THETA]
-    F[:, VELOCITY, THETA] = np.tile(R[:n], (2, 1, 1)) @ F[:, VELOCITY, THETA]
-    moved = slice(POSITION.start, VELOCITY.stop)
-    F[:, moved, BIASES] = _rotate_rows(np.tile(R[:n], (2, 1, 1)), F[:, moved, BIASES])
+    R_each = np.concatenate([R[:n], R[:n]])
+    for rows in (POSITION, VELOCITY):
+        F[:, rows, THETA] = R_each @ F[:, rows, THETA]
+        F[:, rows, BIASES] = R_each @ F[:, rows, BIASES]
     to_end = np.empty((n + 1, 15, 15))  # transition from the start of cell k to the end of all
     to_end[n] = np.eye(15)
     for k in range(n - 1, -1, -1):
@@ -131,11 +131,6 @@ def integrate(cells: Cells, b_g: Vectors, b_a: Vectors, noise: ImuNoise) -> Incr
     root[:, ACCEL_BIAS] = noise.accelerometer_random_walk * np.sqrt(dt)[:, None]
     W = np.swapaxes(from_middle * root[:, None, :], 0, 1).reshape(15, -1)  # (15, n * 15)
     return Increment(float(dt.sum()), R[n], v[-1], delta_p, to_end[0][MOTION, BIASES], W @ W.T)
-
-
-def _rotate_rows(R: Rotations, rows: Floats) -> Floats:
-    """Rotate the two row triples of (N, 6, 6)."""
-    return (R[:, None] @ rows.reshape(-1, 2, 3, 6)).reshape(-1, 6, 6)
 
 
 def transition(

@@ -138,7 +138,9 @@ class PinholeRadtan(Camera):
         J[..., 0, 1] = J[..., 1, 0] = xy / z
         J[..., 0, 2] = -(xx * x + xy * y) / z
         J[..., 1, 2] = -(xy * x + yy * y) / z
-        return np.stack([x_d, y_d], axis=-1), J
+        distorted = np.empty((*x.shape, 2))
+        distorted[..., 0], distorted[..., 1] = x_d, y_d
+        return distorted, J
 
     def _radtan(self, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats]:
         """Distorted x and y of undistorted ones, and dx_d/dx, dx_d/dy = dy_d/dx, dy_d/dy."""
@@ -177,14 +179,16 @@ class PinholeRadtan(Camera):
             r_x, r_y = x_d - x_now, y_d - y_now
             det = xx * yy - xy_ * xy_
             det = np.where(np.abs(det) < 1e-9, 1e-9, det)
-            step_x = np.clip((yy * r_x - xy_ * r_y) / det, -0.5, 0.5)
-            step_y = np.clip((xx * r_y - xy_ * r_x) / det, -0.5, 0.5)
-            x, y = x + step_x, y + step_y
-            if step_x.size == 0 or max(np.abs(step_x).max(), np.abs(step_y).max()) < _NEWTON_TOLERANCE:
+            step_x, step_y = (yy * r_x - xy_ * r_y) / det, (xx * r_y - xy_ * r_x) / det
+            length = np.sqrt(step_x * step_x + step_y * step_y)
+            shorter = 0.5 / np.maximum(length, 0.5)
+            x, y = x + shorter * step_x, y + shorter * step_y
+            if length.max(initial=0.0) < _NEWTON_TOLERANCE:
                 break
-        rays = np.stack([x, y, np.ones_like(x)], axis=-1)
-        unit: Vectors = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
-        return unit
+        rays: Vectors = np.empty((*x.shape, 3))
+        rays[..., 0], rays[..., 1], rays[..., 2] = x, y, 1.0
+        rays /= np.sqrt(x * x + y * y + 1.0)[..., None]
+        return rays
 
     def _nearly_undistorted(self, xy: Floats) -> tuple[Floats, Floats]:
         """Where Newton's method begins."""
