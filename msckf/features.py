@@ -92,9 +92,8 @@ class FeatureTable:
 
     def drop_clone(self, k: int) -> None:
         """Clone `k` is gone; features that nothing else saw go with it."""
-        where = self.columns(np.array([k]))
-        self._seen_at = np.delete(self._seen_at, where, axis=1)
-        self.seen = np.delete(self.seen, where, axis=1)
+        others = self.columns(np.delete(np.arange(self.clones), k))
+        self._seen_at, self.seen = self._seen_at[:, others], self.seen[:, others]
         self.drop_rows(~self.seen.any(axis=1) & ~self.alive)
 
     def drop_rows(self, mask: Mask) -> None:

@@ -66,8 +66,9 @@ def triangulate(views: Views, R_WB: Rotations, p_WB: Vectors, config: VisionConf
     for _ in range(_STEPS):
         weighted = (system / scale[..., None, None]).reshape(F, 3 * V, 4)
         gram = np.swapaxes(weighted, -1, -2) @ weighted  # (F, 4, 4)
-        normal = gram[:, :3, :3] + np.eye(3) * (1e-12 * np.einsum("faa->f", gram[:, :3, :3]) + 1e-9)[:, None, None]
-        inverse = np.linalg.inv(normal)
+        diagonal = np.einsum("faa->fa", gram[:, :3, :3])
+        diagonal += 1e-12 * diagonal.sum(axis=1)[:, None] + 1e-9
+        inverse = np.linalg.inv(gram[:, :3, :3])
         x = -(inverse @ gram[:, :3, 3:])[..., 0]
         direction = frame[..., 2] + (frame[..., :2] @ x[:, :2, None])[..., 0]
         h = direction[:, None] + x[:, None, 2:] * towards
