@@ -32,14 +32,10 @@ class VisualWindow:
         """Motion of the image [px] since the newest clone, or None if too few features are common."""
         if len(self.table) == 0 or self.table.clones == 0:
             return None
-        newest = self.table.columns(np.array([self.table.clones - 1]))
-        before, now = [], []
-        for c, column in enumerate(newest.tolist()):
-            seen, own = self.table.seen[:, column], observations.rows(observations.cameras == c)
-            _, rows, columns = np.intersect1d(self.table.keys[seen], own.keys, assume_unique=True, return_indices=True)
-            before.append(self.table.uv[seen, column][rows])
-            now.append(own.uv[columns])
-        return image_motion(np.concatenate(before), np.concatenate(now))
+        columns = self.table.columns(np.array([self.table.clones - 1]))[observations.cameras]
+        rows = np.minimum(np.searchsorted(self.table.keys, observations.keys), len(self.table) - 1)
+        both = (self.table.keys[rows] == observations.keys) & self.table.seen[rows, columns]
+        return image_motion(self.table.uv[rows[both], columns[both]], observations.uv[both])
 
     def hold(self, observations: Observations) -> None:
         """The body has not moved since the newest clone: only note which features are still followed."""

@@ -63,8 +63,9 @@ def _angle(phi: Vectors) -> Floats:
 def exp(phi: Vectors) -> Rotations:
     """Rotation matrices of rotation vectors [rad]: (..., 3) to (..., 3, 3). Solà et al. eq. (132)."""
     phi = np.asarray(phi, dtype=np.float64)
-    t, K = _angle(phi), hat(phi)
-    return np.eye(3) + _sinc(t) * K + _cosc(t) * (K @ K)
+    half, K = 0.5 * _angle(phi), hat(phi)
+    sinc = _sinc(half)
+    return np.eye(3) + (sinc * np.cos(half)) * K + (0.5 * sinc * sinc) * (K @ K)
 
 
 def log(R: Rotations) -> Vectors:

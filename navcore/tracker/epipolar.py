@@ -31,19 +31,17 @@ def two_point_inliers(rotated: Vectors, bearings: Vectors, threshold: float, pai
     t = t[length > 1e-12] / length[length > 1e-12][:, None]
     if len(t) == 0:
         return np.ones(n, dtype=bool)
-    best = int(np.argmax((_plane_distance(t, rotated, normals) < threshold).sum(axis=1)))
-    inlier = _plane_distance(t[best : best + 1], rotated, normals)[0] < threshold
+    near = _near_plane(t, rotated, normals, threshold)
+    inlier = near[np.argmax(near.sum(axis=1))]
     if inlier.sum() >= 3:  # refine the translation over its inliers and judge again
         _, _, Vt = np.linalg.svd(normals[inlier], full_matrices=False)
-        refined = _plane_distance(Vt[-1:], rotated, normals)[0] < threshold
+        refined = _near_plane(Vt[-1:], rotated, normals, threshold)[0]
         if refined.sum() >= inlier.sum():
             inlier = refined
     return np.asarray(inlier | static)
 
 
-def _plane_distance(t: Vectors, rotated: Vectors, normals: Vectors) -> Floats:
-    """(M, N) angle between each bearing and the plane through its first bearing and each translation (M, 3)."""
-    volume = np.abs(t @ normals.T)
-    cosine = t @ rotated.T
-    sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 1e-12))
-    return np.asarray(volume / sine)
+def _near_plane(t: Vectors, rotated: Vectors, normals: Vectors, threshold: float) -> Mask:
+    """(M, N) which bearings are within an angle of the plane through the first bearing and each translation (M, 3)."""
+    volume, cosine = t @ normals.T, t @ rotated.T
+    return np.asarray(volume * volume < threshold**2 * np.maximum(1.0 - cosine * cosine, 1e-12))
