@@ -30,7 +30,7 @@ class StereoMatcher:
         self._tracker, self._other = tracker, other
         self._R_C1C0 = second.R_BC.T @ first.R_BC
         self._p_C1C0 = second.R_BC.T @ (first.p_BC - second.p_BC)
-        self._tried: Stamps = np.zeros(0, dtype=np.int64)
+        self._tried = -1  # the newest feature that was looked for
 
     def match(self) -> None:
         """Match the newest images of both cameras, which were taken at the same time."""
@@ -44,7 +44,7 @@ class StereoMatcher:
         new = self._to_try(one.ids, rows, rotated)
         found = self._look_for(new, rotated, rows[fits], inverse_range[fits])
         if found > _PAYS * len(new):  # they tell how far away the others may be
-            self._tried = self._tried[:0]
+            self._tried = -1
 
     def _look_for(self, new: Stamps, rotated: Vectors, matched: Stamps, inverse_range: Floats) -> int:
         """Find features `new` (N,) of the first camera, knowing how far away the `matched` (M,) are; says how many."""
@@ -112,7 +112,8 @@ class StereoMatcher:
         """Rows of all `ids` that are not matched (which `rows` are), if new ones are among them."""
         missing = rotated[:, 2] > 0.0
         missing[rows] = False
-        if np.isin(ids[missing], self._tried).all():
+        newest = int(ids[missing].max(initial=-1))
+        if newest <= self._tried:
             return np.zeros(0, dtype=np.int64)
-        self._tried = ids
+        self._tried = newest
         return np.flatnonzero(missing)
