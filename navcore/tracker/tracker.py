@@ -16,6 +16,11 @@ from navcore.tracker.quality import ImageQuality
 _MANY = 20  # features lost at once, and a third of all
 
 
+def _many(lost: Mask) -> bool:
+    """Whether so many features (N,) are lost that they are looked for otherwise."""
+    return bool(lost.sum() > max(_MANY, len(lost) // 3))
+
+
 class Numbers:
     """Feature numbers, never given twice."""
 
@@ -140,10 +145,12 @@ class Tracker:
         change = brightness_change(before, self.uv, now, start)
         changed = abs(change) > self.config.brightness_change
         led = R_C1C0 is not None and self._skipped == 0
-        levels = self.config.led_levels if led else self.config.levels
-        uv, good = flow(before, now, self.uv, start, self.config, changed=changed, levels=levels)
+        for levels in (self.config.led_levels, self.config.levels)[0 if led else 1 :]:
+            uv, good = flow(before, now, self.uv, start, self.config, changed=changed, levels=levels)
+            if not _many(~good):
+                break
         lost = ~good
-        if lost.sum() > max(_MANY, len(lost) // 3):
+        if _many(lost):
             uv[lost], good[lost] = flow_in_other_light(before, now, self.uv[lost], start[lost], self.config)
         self._parallax = uv - turned
         bearings = self.bearings[good]

@@ -75,6 +75,19 @@ def test_the_gyros_rotation_leads_to_features_that_moved_far(rotvec):
     assert np.linalg.norm(expected - first.uv[a], axis=1).max() > 15.0
 
 
+@pytest.mark.parametrize(("R_C1C0", "skipped"), [(None, 0), (np.eye(3), 1), (np.eye(3), 0)])
+def test_a_jump_that_no_rotation_explains_is_followed(R_C1C0, skipped):
+    """Without a gyro; after an image that was missing; and where the gyro misled the search, once it loses many."""
+    image, tracker, H = texture(), Tracker(CAMERA), shift(22.0, -12.0)
+    first = tracker.track(image, None)
+    for _ in range(skipped):
+        tracker.skip()
+    second = tracker.track(warped(image, H, noise=2.0), R_C1C0)
+    a, b = followed(first, second)
+    assert len(a) > 0.7 * len(first)
+    assert np.median(np.linalg.norm(second.uv[b] - apply(H, first.uv[a]), axis=1)) < 0.2
+
+
 def test_a_long_walk_drifts_little():
     """Fifteen images, 2.5 px apart: each feature stays on its corner."""
     image, tracker = texture(2), Tracker(CAMERA)
