@@ -148,11 +148,13 @@ class PriorUpdate:
         while self._waiting:
             samples = self._waiting.popleft()
             upto = int(np.searchsorted(samples.t_ns, t_ns, side="right"))
+            if upto == len(samples):
+                self.source.add_imu(samples)
+                continue
             if upto:
                 self.source.add_imu(samples[:upto])
-            if upto < len(samples):
-                self._waiting.appendleft(samples[upto:])
-                break
+            self._waiting.appendleft(samples[upto:])
+            break
         return self.source.poll(t_ns)
 
     def _thinned(self, measurements: list[BiasPrior]) -> list[BiasPrior]:
