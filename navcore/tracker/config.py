@@ -18,7 +18,6 @@ class TrackerConfig:
     clahe_clip: float = 3.0  # contrast limit of the local equalisation that is tried where many features are lost
     window: int = 13  # px, side of the KLT patch
     levels: int = 3  # pyramid levels above the image
-    led_levels: int = 1  # likewise, where the gyro leads the search from the image before
     max_residual: float = 40.0  # mean absolute grey difference of a patch to its last one
     border: int = 8  # px, features closer to the edge end
     epipolar_threshold: float = 1.5  # px

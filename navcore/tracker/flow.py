@@ -12,14 +12,7 @@ _MIN_EIGENVALUE = 1e-4  # of a patch, at the usual contrast
 
 
 def flow(
-    before: Exposed,
-    now: Exposed,
-    uv: Pixels,
-    start: Pixels,
-    config: TrackerConfig,
-    *,
-    changed: bool,
-    levels: int,
+    before: Exposed, now: Exposed, uv: Pixels, start: Pixels, config: TrackerConfig, *, changed: bool
 ) -> tuple[Pixels, Mask]:
     """Where the patches around `uv` (N, 2) of one image are in another.
 
@@ -29,7 +22,6 @@ def flow(
         start: (N, 2) px in `now` at which the search begins.
         config: settings.
         changed: whether brightness differs between the images.
-        levels: of the pyramid, above the image.
 
     Returns:
         uv (N, 2), and which were found (N,).
@@ -37,8 +29,8 @@ def flow(
     if len(uv) == 0:
         return np.zeros((0, 2)), np.zeros(0, dtype=bool)
     if changed:
-        return _lucas_kanade(before.normalised, now.normalised, uv, start, config, 1.0, levels)
-    return _lucas_kanade(before.image, now.image, uv, start, config, now.gain, levels)
+        return _lucas_kanade(before.normalised, now.normalised, uv, start, config, 1.0)
+    return _lucas_kanade(before.image, now.image, uv, start, config, now.gain)
 
 
 def flow_in_other_light(
@@ -50,11 +42,11 @@ def flow_in_other_light(
     """
     clahe = cv2.createCLAHE(config.clahe_clip, (8, 8))
     first, second = (np.asarray(clahe.apply(exposed.image), dtype=np.uint8) for exposed in (before, now))
-    return _lucas_kanade(first, second, uv, start, config, 1.0, config.levels)
+    return _lucas_kanade(first, second, uv, start, config, 1.0)
 
 
 def _lucas_kanade(
-    before: Image, now: Image, uv: Pixels, start: Pixels, config: TrackerConfig, gain: float, levels: int
+    before: Image, now: Image, uv: Pixels, start: Pixels, config: TrackerConfig, gain: float
 ) -> tuple[Pixels, Mask]:
     found, status, error = cv2.calcOpticalFlowPyrLK(
         before,
@@ -62,7 +54,7 @@ def _lucas_kanade(
         uv.astype(np.float32),
         start.astype(np.float32),
         winSize=(config.window, config.window),
-        maxLevel=levels,
+        maxLevel=config.levels,
         criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, _STEPS, _STEP_PX),
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         minEigThreshold=_MIN_EIGENVALUE / gain**2,

@@ -57,12 +57,12 @@ class StereoMatcher:
         inside = other.camera.inside(start)
         new, start = new[inside], start[inside]
         changed = abs(one.newest.mean - other.newest.mean) > config.brightness_change
-        uv, found = flow(one.newest, other.newest, one.uv[new], start, config, changed=changed, levels=config.levels)
+        uv, found = flow(one.newest, other.newest, one.uv[new], start, config, changed=changed)
         new, uv = new[found], uv[found]
         bearings = other.camera.unproject(uv)
         fits, _ = self._judge(rotated[new], bearings)
         new, uv, bearings = new[fits], uv[fits], bearings[fits]
-        back, returned = flow(other.newest, one.newest, uv, one.uv[new], config, changed=changed, levels=config.levels)
+        back, returned = flow(other.newest, one.newest, uv, one.uv[new], config, changed=changed)
         returned &= np.linalg.norm(back - one.uv[new], axis=1) < _RETURN_PX
         self._add(one.ids[new[returned]], uv[returned], bearings[returned])
         return int(returned.sum())

@@ -16,11 +16,6 @@ from navcore.tracker.quality import ImageQuality
 _MANY = 20  # features lost at once, and a third of all
 
 
-def _many(lost: Mask) -> bool:
-    """Whether so many features (N,) are lost that they are looked for otherwise."""
-    return bool(lost.sum() > max(_MANY, len(lost) // 3))
-
-
 class Numbers:
     """Feature numbers, never given twice."""
 
@@ -144,13 +139,9 @@ class Tracker:
         start = np.where(self.camera.inside(start, 0.0)[:, None], start, self.uv)
         change = brightness_change(before, self.uv, now, start)
         changed = abs(change) > self.config.brightness_change
-        led = R_C1C0 is not None and self._skipped == 0
-        for levels in (self.config.led_levels, self.config.levels)[0 if led else 1 :]:
-            uv, good = flow(before, now, self.uv, start, self.config, changed=changed, levels=levels)
-            if not _many(~good):
-                break
+        uv, good = flow(before, now, self.uv, start, self.config, changed=changed)
         lost = ~good
-        if _many(lost):
+        if lost.sum() > max(_MANY, len(lost) // 3):
             uv[lost], good[lost] = flow_in_other_light(before, now, self.uv[lost], start[lost], self.config)
         self._parallax = uv - turned
         bearings = self.bearings[good]

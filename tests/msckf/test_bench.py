@@ -63,9 +63,9 @@ def test_what_opencv_alone_costs(vio_data):
     there, half = flow(now, uv, len(uv), config.levels)[0], cv2.pyrDown(before)
     calls = {
         f"flow of {len(uv)}, {config.levels} levels": lambda: flow(now, there, len(uv), config.levels),
-        f"flow of {len(uv)}, {config.led_levels}": lambda: flow(now, there, len(uv), config.led_levels),
-        f"flow of 1, {config.led_levels}": lambda: flow(now, there, 1, config.led_levels),
-        f"flow of 40 to the other camera, {config.levels}": lambda: flow(right, uv, 40, config.levels),
+        f"flow of {len(uv)}, one level": lambda: flow(now, there, len(uv), 1),
+        f"flow of 1, {config.levels} levels": lambda: flow(now, there, 1, config.levels),
+        f"flow of 40 to the other camera, {config.levels} levels": lambda: flow(right, uv, 40, config.levels),
         "pyramid, with derivatives": lambda: cv2.buildOpticalFlowPyramid(before, (config.window,) * 2, config.levels),
         "half size": lambda: cv2.pyrDown(before),
         "corners, half size": lambda: cv2.cornerMinEigenVal(half, 3),

@@ -77,7 +77,7 @@ def test_the_gyros_rotation_leads_to_features_that_moved_far(rotvec):
 
 @pytest.mark.parametrize(("R_C1C0", "skipped"), [(None, 0), (np.eye(3), 1), (np.eye(3), 0)])
 def test_a_jump_that_no_rotation_explains_is_followed(R_C1C0, skipped):
-    """Without a gyro; after an image that was missing; and where the gyro misled the search, once it loses many."""
+    """Without a gyro, after an image that was missing, and where the gyro says that nothing moved."""
     image, tracker, H = texture(), Tracker(CAMERA), shift(22.0, -12.0)
     first = tracker.track(image, None)
     for _ in range(skipped):
