@@ -1,6 +1,5 @@
 """Brightness that changes from image to image, and how images are brought to the same one."""
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,7 +10,7 @@ from navcore.arrays import Floats, Image, Pixels
 from navcore.tracker.config import TrackerConfig
 from navcore.tracker.quality import ImageQuality
 
-_SCALES = (2, 4)  # from an image to its thumbnail, in two steps, which is faster than in one
+_SCALE = 4  # px of the half-size image in one of its thumbnail
 _CLIP = 40.0  # grey values, a larger change is a wrong guess of where the feature is
 
 
@@ -23,28 +22,24 @@ class Exposed:
         image: (height, width).
         mean: grey value.
         gain: factor that brings its contrast to the usual one.
+        half: (height / 2, width / 2).
         thumbnail: (height / 8, width / 8) means.
     """
 
     image: Image
     mean: float
     gain: float
+    half: Image
     thumbnail: Image
 
     @staticmethod
     def of(image: Image, quality: ImageQuality, config: TrackerConfig) -> "Exposed":
         """An image of known quality."""
-        small = image
-        for by in _SCALES:
-            h, w = small.shape
-            small = np.asarray(cv2.resize(small, (max(1, w // by), max(1, h // by)), interpolation=cv2.INTER_AREA))
+        half = np.asarray(cv2.pyrDown(image), dtype=np.uint8)
+        h, w = half.shape
+        small = cv2.resize(half, (max(1, w // _SCALE), max(1, h // _SCALE)), interpolation=cv2.INTER_AREA)
         gain = min(config.contrast / max(quality.contrast, 1e-6), config.max_gain)
-        return Exposed(image, quality.mean, gain, small)
-
-    @cached_property
-    def half(self) -> Image:
-        """(height / 2, width / 2), smoothed."""
-        return np.asarray(cv2.pyrDown(self.image), dtype=np.uint8)
+        return Exposed(image, quality.mean, gain, half, np.asarray(small, dtype=np.uint8))
 
     @cached_property
     def normalised(self) -> Image:
@@ -55,7 +50,7 @@ class Exposed:
     def around(self, uv: Pixels) -> Floats:
         """(N,) mean grey values around pixels (N, 2)."""
         h, w = self.thumbnail.shape
-        at = np.clip((uv / math.prod(_SCALES)).astype(int), 0, np.array([w - 1, h - 1]))
+        at = np.clip((uv / (2 * _SCALE)).astype(int), 0, [w - 1, h - 1])
         return np.asarray(self.thumbnail[at[:, 1], at[:, 0]], dtype=np.float64)
 
 
