@@ -57,7 +57,7 @@ def _cubic(t: Floats) -> Floats:
 
 def _angle(phi: Vectors) -> Floats:
     """(..., 1, 1) of rotation vectors (..., 3)."""
-    return np.sqrt(np.sum(phi * phi, axis=-1))[..., None, None]
+    return np.asarray(np.sqrt(np.sum(phi * phi, axis=-1))[..., None, None])
 
 
 def exp(phi: Vectors) -> Rotations:
