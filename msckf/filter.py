@@ -23,11 +23,12 @@ from msckf.starter import Starter
 from msckf.state import FilterState
 from msckf.views import Rig
 from msckf.visual import VisualOutcome
+from msckf.vibration import WINDOW_S, noise_under_vibration
 from msckf.window import VisualWindow
 from navcore.arrays import Floats, Rotations
 from navcore.calibration import Calibration
 from navcore.errors import ConfigError
-from navcore.imu import ImuSamples
+from navcore.imu import ImuNoise, ImuSamples
 from navcore.odometry import Estimate, Health, State
 from navcore.prior import BiasPriorSource, load_prior
 from navcore.sequence import Frame, Tracks
@@ -224,7 +225,7 @@ class Filter:
         verdict = self._health.judge(self.state, t_ns, observations, outcome, still)
         if verdict.health is not Health.LOST and self._beaten(self.state, t_ns, observations):
             verdict = Verdict(Health.LOST, ("vision contradicts the state, and agrees with another", *verdict.reasons))
-        keep_s = self.config.standstill.window_s if self._rival is None else self._start_horizon_s
+        keep_s = max(self.config.standstill.window_s, WINDOW_S) if self._rival is None else self._start_horizon_s
         self._buffer.drop_before(t_ns - round(1e9 * keep_s))
         reasons = notes + verdict.reasons
         if verdict.health is Health.LOST:
@@ -260,11 +261,16 @@ class Filter:
     def _propagate(self, state: FilterState, cells: Cells, t_ns: int) -> Rotations:
         """Move to the end of the cells; returns the rotation of the end from the start."""
         R_before = state.R_WB
-        state.propagate(integrate(cells, state.b_g, state.b_a, self.calibration.imu))
+        state.propagate(integrate(cells, state.b_g, state.b_a, self._imu_noise(t_ns)))
         if len(cells.gyro):
             self._omega_B = cells.gyro[-1] - state.b_g
         self._t_ns = t_ns
         return np.asarray(state.R_WB.T @ R_before)
+
+    def _imu_noise(self, t_ns: int) -> ImuNoise:
+        """The noise of the samples before `t_ns`."""
+        samples = self._buffer.samples(t_ns - round(1e9 * WINDOW_S), t_ns)
+        return noise_under_vibration(self.calibration.imu, *samples)
 
     def _correct(
         self, state: FilterState, frame_ns: int, t_ns: int, observations: Observations
@@ -329,7 +335,7 @@ class Filter:
             self._told_start = None
             s = self._begun(told.state)
             cells = self._buffer.cells(told.t_ns, t_ns)
-            s.propagate(integrate(cells, s.b_g, s.b_a, self.calibration.imu))
+            s.propagate(integrate(cells, s.b_g, s.b_a, self._imu_noise(t_ns)))
             return s.snapshot(), ""
         start = self._starter.attempt(t_ns, observations, self._buffer, self._start_bias)
         return start.state, start.reason

@@ -6,7 +6,7 @@ import numpy as np
 
 from msckf.errors import InputError
 from navcore import so3
-from navcore.arrays import Floats, Vectors
+from navcore.arrays import Floats, Stamps, Vectors
 from navcore.imu import ImuSamples
 
 _GAP = 1.5  # sampling intervals from one stamp to the next that count as a gap
@@ -70,11 +70,11 @@ class ImuBuffer:
         keep = max(int(np.searchsorted(self._t_ns, t_ns, side="right")) - 2, 0)
         self._t_ns, self._values = self._t_ns[keep:], self._values[keep:]
 
-    def samples(self, start_ns: int, end_ns: int) -> tuple[Vectors, Vectors]:
-        """Gyro and accelerometer samples (N, 3) stamped within [start_ns, end_ns]."""
+    def samples(self, start_ns: int, end_ns: int) -> tuple[Stamps, Vectors, Vectors]:
+        """Stamps (N,), gyro and accelerometer samples (N, 3) within [start_ns, end_ns]."""
         first = np.searchsorted(self._t_ns, start_ns)
         last = np.searchsorted(self._t_ns, end_ns, side="right")
-        return self._values[first:last, :3], self._values[first:last, 3:]
+        return self._t_ns[first:last], self._values[first:last, :3], self._values[first:last, 3:]
 
     def cells(self, start_ns: int, end_ns: int) -> Cells:
         """The cells of [start_ns, end_ns]; beyond the samples held, the nearest one goes on."""

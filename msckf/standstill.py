@@ -12,7 +12,7 @@ from navcore.arrays import Pixels
 
 def imu_is_quiet(buffer: ImuBuffer, t_ns: int, config: StandstillConfig, window_s: float) -> bool:
     """Whether rate and specific force were steady for `window_s` up to IMU time `t_ns`."""
-    gyro, accel = buffer.samples(t_ns - round(window_s * 1e9), t_ns)
+    _, gyro, accel = buffer.samples(t_ns - round(window_s * 1e9), t_ns)
     if len(gyro) < 10:
         return False
     return bool(gyro.std(axis=0).max() < config.gyro_std and accel.std(axis=0).max() < config.accel_std)

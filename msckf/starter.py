@@ -66,7 +66,7 @@ class Starter:
         begin_ns = t_ns - round(c.start.static_s * 1e9)
         if self._t_ns[0] > begin_ns + 1_000_000 or (buffer.oldest_ns or 0) > begin_ns + 10_000_000:
             return Start(None, "collecting images")
-        gyro, accel = buffer.samples(begin_ns, t_ns)
+        _, gyro, accel = buffer.samples(begin_ns, t_ns)
         if not is_steady(gyro, accel, self._noise.rate_hz, c.standstill):
             return Start(None, "not standing still")
         k = int(np.searchsorted(self._t_ns, begin_ns - 1_000_000))

@@ -17,6 +17,8 @@ from navcore.imu import ImuNoise
 
 _FRAME_RATE = 20.0  # Hz, where a calibration does not say
 _IMU_RATE = 200.0
+_VIBRATION_SHARE = 0.1
+"""Of real IMUs that say nothing of it: from the real recordings of EuRoC's Machine Hall (docs/filter.md, section 2.4)."""
 
 
 @dataclass(frozen=True)
@@ -148,6 +150,8 @@ def pose_from_euroc(content: dict[str, Any], path: Path) -> Floats:
 def imu_from_yaml(path: Path) -> ImuNoise:
     """IMU noise from EuRoC's `imu0/sensor.yaml` or Kalibr's `imu.yaml`, with or without the `imu0` level.
 
+    It may have a `vibration_share` beside their own keys.
+
     Raises:
         DataError: a key is missing or does not hold what it should; the message names the file.
     """
@@ -158,7 +162,8 @@ def imu_from_yaml(path: Path) -> ImuNoise:
     values = {name: float(_numbers(content, name, path, ())) for name in names}
     rate_key = "rate_hz" if "rate_hz" in content else "update_rate"
     with _named(path):
-        return ImuNoise(**values, rate_hz=_number(content, rate_key, path, _IMU_RATE))
+        share = _number(content, "vibration_share", path, _VIBRATION_SHARE)
+        return ImuNoise(**values, rate_hz=_number(content, rate_key, path, _IMU_RATE), vibration_share=share)
 
 
 def cameras_from_kalibr(path: Path) -> tuple[CameraMount, ...]:

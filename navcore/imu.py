@@ -13,13 +13,14 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True)
 class ImuNoise:
-    """Continuous-time noise of an IMU, in Kalibr's names and units."""
+    """Continuous-time noise of an IMU, in Kalibr's names and units; what vibration adds is not in Kalibr's."""
 
     gyroscope_noise_density: float  # rad/s/sqrt(Hz)
     gyroscope_random_walk: float  # rad/s^2/sqrt(Hz)
     accelerometer_noise_density: float  # m/s^2/sqrt(Hz)
     accelerometer_random_walk: float  # m/s^3/sqrt(Hz)
     rate_hz: float = 200.0
+    vibration_share: float = 0.0  # of a vibration's amplitude, that is left in the samples as white noise
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

@@ -143,7 +143,8 @@ def test_samples_that_do_not_follow_are_refused_with_their_time(late):
 
 def test_samples_are_found_by_their_stamps():
     buffer, values = filled()
-    gyro, accel = buffer.samples(T0 + 3 * STEP, T0 + 6 * STEP)
+    t_ns, gyro, accel = buffer.samples(T0 + 3 * STEP, T0 + 6 * STEP)
+    np.testing.assert_array_equal(t_ns, T0 + STEP * np.arange(3, 7))
     np.testing.assert_array_equal(np.hstack([gyro, accel]), values[3:7])
     assert buffer.oldest_ns == T0
     buffer.append(samples([]))
