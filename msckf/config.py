@@ -9,6 +9,7 @@ from navcore.prior import PriorMode
 from navcore.tracker import TrackerConfig
 
 StartMode = Literal["auto", "static", "moving", "truth"]
+MarginalOrder = Literal["oldest", "keyframes"]
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,8 @@ class VisionConfig:
     least_noise: float = 0.5  # px, bounds of that
     most_noise: float = 4.0
     clones: int = 11  # poses in the window
+    marginalise: MarginalOrder = "oldest"  # pose that leaves; `keyframes`: the last one, where the view hardly moved
+    keyframe_disparity: float = 5.0  # px, motion of the view since the pose before it that makes a pose a keyframe
     min_views: int = 4  # views that a feature needs to be used
     min_parallax: float = 3.0  # standard deviations by which an inverse range must exceed zero to be believed
     max_features: int = 40  # used at one frame

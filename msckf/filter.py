@@ -21,9 +21,9 @@ from msckf.recovery import LastPose, Memory, continued, disagreement
 from msckf.standstill import imu_is_quiet, standstill_update
 from msckf.starter import Starter
 from msckf.state import FilterState
+from msckf.vibration import WINDOW_S, noise_under_vibration
 from msckf.views import Rig
 from msckf.visual import VisualOutcome
-from msckf.vibration import WINDOW_S, noise_under_vibration
 from msckf.window import VisualWindow
 from navcore.arrays import Floats, Rotations
 from navcore.calibration import Calibration

@@ -46,21 +46,32 @@ class VisualWindow:
         self.config = replace(self._asked, pixel_noise=self.noise.sigma)
         state.add_clone(t_ns, omega_B)
         self.table.add_clone(observations.rows(~np.isin(observations.keys, state.landmarks.keys)))
-        full = len(state.clones) >= self.config.clones
+        leaving = self._leaving() if len(state.clones) >= self.config.clones else None
         seen_from = self.table.seen_from
-        leaving = seen_from[:, 0] if full else np.zeros(len(self.table), dtype=bool)
-        candidates = (~self.table.alive | leaving) & (self.table.views >= self.config.min_views)
+        last_chance = seen_from[:, 0] if leaving == 0 else np.zeros(len(self.table), dtype=bool)
+        candidates = (~self.table.alive | last_chance) & (self.table.views >= self.config.min_views)
         lasting = candidates & self.table.alive & seen_from.all(axis=1)
         corrected = update_landmarks(state, observations, self.config)
         outcome = self._use(state, self._longest(candidates), lasting)
         self.table.drop_rows(~self.table.alive)
-        if full:
-            move_anchors(state, 0)
-            state.drop_clone(0)
-            self.table.drop_clone(0)
+        if leaving is not None:
+            move_anchors(state, leaving)
+            state.drop_clone(leaving)
+            self.table.drop_clone(leaving)
         return VisualOutcome(
             outcome.used + corrected.used, outcome.rejected + corrected.rejected, outcome.nis, outcome.dof
         )
+
+    def _leaving(self) -> int:
+        """The clone that leaves a full window: the oldest, or the last before the newest if it is no keyframe.
+
+        What was seen from a clone that is no keyframe goes unused: the window reaches farther back in its place.
+        """
+        before, last = self.table.clones - 3, self.table.clones - 2
+        if self.config.marginalise == "oldest" or before < 0:
+            return 0
+        moved = image_motion(*self.table.followed(before, last))
+        return last if moved is not None and moved < self.config.keyframe_disparity else 0
 
     def _longest(self, candidates: Mask) -> Mask:
         """The features with the most views among the candidates, as many as may be used."""

@@ -18,7 +18,7 @@ from navcore.imu import ImuNoise
 _FRAME_RATE = 20.0  # Hz, where a calibration does not say
 _IMU_RATE = 200.0
 _VIBRATION_SHARE = 0.1
-"""Of real IMUs that say nothing of it: from the real recordings of EuRoC's Machine Hall (docs/filter.md, section 2.4)."""
+"""Of real IMUs that say nothing of it: from EuRoC's Machine Hall recordings (docs/filter.md, section 2.4)."""
 
 
 @dataclass(frozen=True)

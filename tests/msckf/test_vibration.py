@@ -66,7 +66,7 @@ def test_too_few_samples_show_nothing(n):
 
 
 def shaken(sequence: Sequence, share: float, seed: int) -> Sequence:
-    """A flight whose IMU shakes by 0.05 rad/s and 1.4 m/s^2, a tenth of it white, and whose calibration says `share`."""
+    """A flight whose IMU shakes by 0.05 rad/s and 1.4 m/s^2, a tenth of it white; its calibration says `share`."""
     imu, rng = sequence.imu, np.random.default_rng([seed, 3])
 
     def shaking(amplitude):

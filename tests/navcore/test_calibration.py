@@ -72,7 +72,12 @@ def test_noise_of_euroc_and_of_kalibr(tmp_path, rate):
     flat = NOISE + "accelerometer_random_walk: 4.0e-3\n" + rate + "\n"
     nested = "imu0:\n" + "".join(f"  {line}\n" for line in flat.splitlines())
     for text in (flat, nested):
-        assert imu_from_yaml(written(tmp_path, text)) == ImuNoise(1e-4, 2e-5, 3e-3, 4e-3, 100.0)
+        assert imu_from_yaml(written(tmp_path, text)) == ImuNoise(1e-4, 2e-5, 3e-3, 4e-3, 100.0, 0.1)
+
+
+def test_what_vibration_leaves_is_read_where_it_is_said(tmp_path):
+    text = NOISE + "accelerometer_random_walk: 4.0e-3\nvibration_share: 0.0\n"
+    assert imu_from_yaml(written(tmp_path, text)).vibration_share == 0.0
 
 
 @pytest.mark.parametrize(
