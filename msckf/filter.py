@@ -254,6 +254,7 @@ class Filter:
             return False
         self._rival = None
         if disagreement(state.snapshot(), found) < chi_square_quantile(_SAME_STATE, 5.0):
+            self._health.confirmed()
             return False
         self._told_start = TimedState(t_ns, found)
         return True

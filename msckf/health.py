@@ -29,29 +29,23 @@ class HealthMonitor:
         self._last_vision_ns = 0
         self._position_variance = 0.0
         self._said: deque[tuple[int, int, int]] = deque()  # t_ns, features used, features refused
+        self.contradicted = False  # whether vision has contradicted the state, and not confirmed it since
 
     def started(self, t_ns: int) -> None:
         """The filter has just started."""
         self._last_vision_ns = t_ns
 
-    @property
-    def contradicted(self) -> bool:
-        """Whether vision has contradicted the state for a while.
-
-        A view full of things that move does so too: what is wrong, state or vision, this does not tell.
-        """
-        c = self._config
-        used, refused = (sum(entry[k] for entry in self._said) for k in (1, 2))
-        return refused >= c.contradicted_features and used < c.contradicted_share * refused
+    def confirmed(self) -> None:
+        """Another estimate agrees with the state."""
+        self._said.clear()
+        self.contradicted = False
 
     def judge(
         self, state: FilterState, t_ns: int, observations: Observations, outcome: VisualOutcome, still: bool
     ) -> Verdict:
         """The verdict on the frame at `t_ns`."""
         c = self._config
-        self._said.append((t_ns, outcome.used, outcome.rejected))
-        while t_ns - self._said[0][0] > round(c.contradicted_s * 1e9):
-            self._said.popleft()
+        self._weigh(t_ns, outcome)
         if outcome.used or still:
             self._last_vision_ns = t_ns
             self._position_variance = float(np.diagonal(state.covariance)[POSITION].max())
@@ -73,6 +67,29 @@ class HealthMonitor:
         if blind_s > c.blind_s:
             reasons.append(f"no visual correction for {blind_s:.1f} s")
         return Verdict(Health.INERTIAL_ONLY, tuple(reasons))
+
+    def _weigh(self, t_ns: int, outcome: VisualOutcome) -> None:
+        """Hear what vision says of the state.
+
+        A view full of things that move contradicts it, too: what is wrong, state or vision, this does not tell. A wrong
+        state is not refused by every feature at all times, least of all once some have pulled at it: so what has been
+        contradicted stays so until most features agree.
+        """
+        c = self._config
+        self._said.append((t_ns, outcome.used, outcome.rejected))
+        while t_ns - self._said[0][0] > round(c.confirmed_s * 1e9):
+            self._said.popleft()
+        used, refused = self._counted(t_ns, c.contradicted_s)
+        if refused >= c.contradicted_features and used < c.contradicted_share * refused:
+            self.contradicted = True
+        elif self.contradicted:
+            used, refused = self._counted(t_ns, c.confirmed_s)
+            self.contradicted = used < c.contradicted_features or refused > c.confirmed_share * used
+
+    def _counted(self, t_ns: int, seconds: float) -> tuple[int, int]:
+        """Features used and refused in the last seconds."""
+        recent = [entry for entry in self._said if t_ns - entry[0] <= round(seconds * 1e9)]
+        return sum(entry[1] for entry in recent), sum(entry[2] for entry in recent)
 
     def _lost(self, state: FilterState) -> str:
         """Why the state is not to be trusted at all, or nothing."""
