@@ -111,10 +111,11 @@ class HealthConfig:
     max_imu_gap_s: float = 0.02  # s, a longer one is reported
     lost_imu_gap_s: float = 1.0  # s, a longer one cannot be bridged
     contradicted_s: float = 0.5  # s in which vision must contradict the state before another is looked for
-    contradicted_share: float = 0.2  # features used to features refused, below which it does
+    contradicted_share: float = 0.25  # features used to features refused, below which it does
     contradicted_features: int = 20  # features refused in that time, or used in the next
-    confirmed_s: float = 1.0  # s in which vision must confirm a state that it has contradicted
-    confirmed_share: float = 0.5  # features refused to features used, below which it does
+    contradicted_followed: float = 0.3  # of the features followed, likewise refused
+    cut_share: float = 0.1  # of the features, if fewer are followed into the next frame the view is another one
+    confirmed_s: float = 1.0  # s without contradiction in which more must be used than refused to end it
     max_ahead_s: float = 10.0  # s, a frame farther past the last one and the IMU is refused, unless the next follows it
 
 

@@ -240,8 +240,8 @@ class Filter:
     def _beaten(self, state: FilterState, t_ns: int, observations: Observations) -> bool:
         """While vision contradicts the state, another is looked for; says whether one was found that differs.
 
-        Then it is what the filter starts from next. What moves through the view makes no such state: together with
-        the IMU it fits nothing.
+        Then it is what the filter starts from next. One that differs, but is not known well enough to start from, is
+        reason to go on looking. What moves through the view makes no such state: together with the IMU it fits nothing.
         """
         if not self._health.contradicted:
             self._rival = None
@@ -249,15 +249,20 @@ class Filter:
         if self._rival is None:
             self._rival = self._new_starter()
         bias = self._prior.starting_bias(self.config.start, t_ns, self._memory.learned)
-        found = self._rival.attempt(t_ns, observations, self._buffer, bias).state
+        start = self._rival.attempt(t_ns, observations, self._buffer, bias)
+        found = start.state or start.rough
         if found is None:
             return False
-        self._rival = None
-        if disagreement(state.snapshot(), found) < chi_square_quantile(_SAME_STATE, 5.0):
-            self._health.confirmed()
-            return False
-        self._told_start = TimedState(t_ns, found)
-        return True
+        differs = disagreement(state.snapshot(), found) > chi_square_quantile(_SAME_STATE, 5.0)
+        if differs and start.state is not None:
+            self._told_start = TimedState(t_ns, start.state)
+            return True
+        if differs:
+            self._health.contradict(t_ns)
+        elif start.state is not None:
+            self._health.confirm()
+            self._rival = None
+        return False
 
     def _propagate(self, state: FilterState, cells: Cells, t_ns: int) -> Rotations:
         """Move to the end of the cells; returns the rotation of the end from the start."""

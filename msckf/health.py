@@ -10,6 +10,7 @@ from msckf.config import HealthConfig
 from msckf.frontend import Observations
 from msckf.state import FilterState
 from msckf.visual import VisualOutcome
+from navcore.arrays import Stamps
 from navcore.odometry import Health
 
 
@@ -29,23 +30,33 @@ class HealthMonitor:
         self._last_vision_ns = 0
         self._position_variance = 0.0
         self._said: deque[tuple[int, int, int]] = deque()  # t_ns, features used, features refused
-        self.contradicted = False  # whether vision has contradicted the state, and not confirmed it since
+        self._followed: Stamps = np.zeros(0, dtype=np.int64)  # keys of the features in the last frame
+        self._cut_ns: int | None = None  # when nearly all features were lost from one frame to the next
+        self._contradicted_ns: int | None = None  # when the state was last contradicted, if not confirmed since
 
     def started(self, t_ns: int) -> None:
         """The filter has just started."""
         self._last_vision_ns = t_ns
 
-    def confirmed(self) -> None:
-        """Another estimate agrees with the state."""
-        self._said.clear()
-        self.contradicted = False
+    @property
+    def contradicted(self) -> bool:
+        """Whether the state has been contradicted, and not confirmed since."""
+        return self._contradicted_ns is not None
+
+    def contradict(self, t_ns: int) -> None:
+        """Something says that the state is wrong."""
+        self._contradicted_ns = t_ns
+
+    def confirm(self) -> None:
+        """Something says that the state is right."""
+        self._contradicted_ns = None
 
     def judge(
         self, state: FilterState, t_ns: int, observations: Observations, outcome: VisualOutcome, still: bool
     ) -> Verdict:
         """The verdict on the frame at `t_ns`."""
         c = self._config
-        self._weigh(t_ns, outcome)
+        self._weigh(t_ns, outcome, observations)
         if outcome.used or still:
             self._last_vision_ns = t_ns
             self._position_variance = float(np.diagonal(state.covariance)[POSITION].max())
@@ -68,27 +79,35 @@ class HealthMonitor:
             reasons.append(f"no visual correction for {blind_s:.1f} s")
         return Verdict(Health.INERTIAL_ONLY, tuple(reasons))
 
-    def _weigh(self, t_ns: int, outcome: VisualOutcome) -> None:
+    def _weigh(self, t_ns: int, outcome: VisualOutcome, observations: Observations) -> None:
         """Hear what vision says of the state.
 
-        A view full of things that move contradicts it, too: what is wrong, state or vision, this does not tell. A wrong
-        state is not refused by every feature at all times, least of all once some have pulled at it: so what has been
-        contradicted stays so until most features agree.
+        A view full of things that move contradicts it, too: what is wrong, state or vision, this does not tell. And a
+        wrong state is not refused by every feature at all times: what has been contradicted stays so until most agree.
+        Most must agree, too, where the view has become another one: what was seen before tells nothing of it.
         """
         c = self._config
         self._said.append((t_ns, outcome.used, outcome.rejected))
+        if len(observations):
+            if np.isin(self._followed, observations.keys).sum() < c.cut_share * len(self._followed):
+                self._cut_ns = t_ns
+                self._said = deque([(t_ns, 0, 0)])
+            self._followed = observations.keys
         while t_ns - self._said[0][0] > round(c.confirmed_s * 1e9):
             self._said.popleft()
-        used, refused = self._counted(t_ns, c.contradicted_s)
-        if refused >= c.contradicted_features and used < c.contradicted_share * refused:
-            self.contradicted = True
-        elif self.contradicted:
-            used, refused = self._counted(t_ns, c.confirmed_s)
-            self.contradicted = used < c.contradicted_features or refused > c.confirmed_share * used
+        used, refused = self._counted(t_ns - round(c.contradicted_s * 1e9))
+        many = max(c.contradicted_features, c.contradicted_followed * len(observations))
+        anew = self._cut_ns is not None and t_ns - self._cut_ns <= round(c.confirmed_s * 1e9)
+        if refused >= many and used < (1.0 if anew else c.contradicted_share) * refused:
+            self.contradict(t_ns)
+        elif self._contradicted_ns is not None and t_ns - self._contradicted_ns > round(c.confirmed_s * 1e9):
+            used, refused = self._counted(self._said[0][0])
+            if used >= c.contradicted_features and used > refused:
+                self.confirm()
 
-    def _counted(self, t_ns: int, seconds: float) -> tuple[int, int]:
-        """Features used and refused in the last seconds."""
-        recent = [entry for entry in self._said if t_ns - entry[0] <= round(seconds * 1e9)]
+    def _counted(self, since_ns: int) -> tuple[int, int]:
+        """Features used and refused since then."""
+        recent = [entry for entry in self._said if entry[0] >= since_ns]
         return sum(entry[1] for entry in recent), sum(entry[2] for entry in recent)
 
     def _lost(self, state: FilterState) -> str:

@@ -26,11 +26,13 @@ class StartResult:
         state: at the window's last pose, which is the origin and has yaw 0; or None.
         reason: empty if there is a state.
         b_g: (3,) rad/s, what the window says of the gyro's bias, if it says something: a guess for the next one.
+        rough: the same as `state`, of a window that fits but tells too little.
     """
 
     state: State | None
     reason: str = ""
     b_g: Vectors | None = None
+    rough: State | None = None
 
 
 def moving_start(
@@ -50,13 +52,16 @@ def moving_start(
     refined: Refined | str = ""
     for guess in _guesses(window, earlier):
         refined = _from(window, guess, pixel_noise)
-        if isinstance(refined, Refined) and refined.cost < config.max_cost * refined.dof:
+        if isinstance(refined, Refined) and _fits(refined, config):
             break
     if isinstance(refined, str):
         return StartResult(None, refined)
-    reason = _objection(refined, window, config)
-    b_g = refined.path.b_g if refined.cost < config.max_cost * refined.dof else None
-    return StartResult(None if reason else _last_state(refined, window), reason, b_g)
+    if not _fits(refined, config):
+        return StartResult(
+            None, f"features and IMU disagree: cost {refined.cost / refined.dof:.1f} per degree of freedom"
+        )
+    state, reason = _last_state(refined, window), _objection(refined, window, config)
+    return StartResult(None, reason, refined.path.b_g, state) if reason else StartResult(state, b_g=refined.path.b_g)
 
 
 def _guesses(window: Window, earlier: Vectors | None) -> Iterator[Vectors]:
@@ -85,8 +90,13 @@ def _from(window: Window, b_g: Vectors, pixel_noise: float) -> Refined | str:
     return refine(window, Path.of(increments, *guess, b_g, b_a), pixel_noise)
 
 
+def _fits(refined: Refined, config: StartConfig) -> bool:
+    """Whether features and IMU agree with each other."""
+    return refined.cost < config.max_cost * refined.dof and bool(np.isfinite(refined.covariance).all())
+
+
 def _objection(refined: Refined, window: Window, config: StartConfig) -> str:
-    """Why a window is not accepted; empty if it is."""
+    """Why a window that fits is not accepted; empty if it is."""
     P, K = refined.covariance, len(refined.path.R)
     last = 9 * (K - 1)
     velocity = last + np.arange(9)[VELOCITY]
@@ -96,10 +106,8 @@ def _objection(refined: Refined, window: Window, config: StartConfig) -> str:
     scale = scale_sigma(refined)
     in_haste = window.seconds >= config.patience_s
     slack = 2.0 if in_haste else 1.0
-    if refined.cost > config.max_cost * refined.dof:
-        return f"features and IMU disagree: cost {refined.cost / refined.dof:.1f} per degree of freedom"
     known = velocity_sigma < slack * config.max_velocity_sigma and tilt_sigma < slack * config.max_tilt_sigma
-    if not (np.isfinite(P).all() and known):
+    if not known:
         return f"velocity known to {velocity_sigma:.2f} m/s, tilt to {tilt_sigma:.3f} rad only"
     if scale > config.max_scale_sigma and not in_haste:
         return f"scale known to {scale:.0%} only"

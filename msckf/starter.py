@@ -9,7 +9,7 @@ from msckf.config import FilterConfig
 from msckf.features import FeatureTable
 from msckf.frontend import Observations
 from msckf.imu_buffer import ImuBuffer
-from msckf.moving_start import moving_start
+from msckf.moving_start import StartResult, moving_start
 from msckf.prior_update import StartingBias
 from msckf.standstill import image_motion
 from msckf.start_inertia import Window
@@ -25,10 +25,17 @@ _MAX_SURPRISE = 4.0  # standard deviations by which the force at rest may differ
 
 @dataclass(frozen=True)
 class Start:
-    """A start, or why there is none yet."""
+    """A start, or why there is none yet.
+
+    Attributes:
+        state: to start from.
+        reason: empty if there is one.
+        rough: what fits, but is not known well enough to start from.
+    """
 
     state: State | None
     reason: str
+    rough: State | None = None
 
 
 class Starter:
@@ -93,10 +100,13 @@ class Starter:
         times = [self._t_ns[k] for k in keyframes]
         cells = [buffer.cells(a, b) for a, b in pairwise(times)]
         window = Window(cells, views, self._noise, bias.device)
-        result = moving_start(window, c, self._config.vision.pixel_noise, self._gyro_bias)
+        try:
+            result = moving_start(window, c, self._config.vision.pixel_noise, self._gyro_bias)
+        except np.linalg.LinAlgError:
+            result = StartResult(None, "motion does not determine the state")
         self._gyro_bias = result.b_g if result.b_g is not None else self._gyro_bias
         self._last_reason = result.reason
-        return Start(result.state, result.reason)
+        return Start(result.state, result.reason, result.rough)
 
     def _chosen(self, count: Stamps, alive: Mask) -> Stamps:
         """Features (F,) that were seen longest: most of those that are still followed, some that are not."""

@@ -84,3 +84,32 @@ def test_a_long_way_makes_no_loss():
     assert watch.judge(state, 2 * S, seen(50), VisualOutcome(), still=False).health is Health.INERTIAL_ONLY
     state._P[3, 3] = 80.0**2 + 51.0**2
     assert watch.judge(state, 2 * S, seen(50), VisualOutcome(), still=False).health is Health.LOST
+
+
+def told(judge, state, t_s, used, refused):
+    """Whether it is contradicted after a frame at that time."""
+    outcome = VisualOutcome(used=used, rejected=refused)
+    verdict = judge(state, round(t_s * S), seen(50), outcome, still=False)
+    return "vision contradicts the state" in verdict.reasons
+
+
+def test_what_vision_has_contradicted_is_doubted_until_it_agrees():
+    watch, state = monitor(), filter_state()
+    for k in range(20):
+        assert not told(watch.judge, state, 0.05 * k, used=30, refused=0)
+    doubted = [told(watch.judge, state, 1.0 + 0.05 * k, used=1, refused=10) for k in range(20)]
+    assert doubted == sorted(doubted)
+    assert 5 < doubted.index(True) < 12
+    undecided = [told(watch.judge, state, 2.0 + 0.05 * k, used=8, refused=12) for k in range(60)]
+    assert all(undecided)
+    agreed = [told(watch.judge, state, 5.0 + 0.05 * k, used=12, refused=8) for k in range(30)]
+    assert agreed == sorted(agreed, reverse=True)
+    assert not agreed[-1]
+
+
+def test_another_estimate_doubts_and_confirms_too():
+    watch, state = monitor(), filter_state()
+    watch.contradict(0)
+    assert told(watch.judge, state, 0.5, used=30, refused=0)
+    watch.confirm()
+    assert not told(watch.judge, state, 0.6, used=30, refused=0)

@@ -10,10 +10,10 @@ from msckf.config import FilterConfig
 from msckf.errors import InputError
 from msckf.filter import Filter
 from navcore.imu import ImuSamples
-from navcore.odometry import Health, run
+from navcore.odometry import Health
 from navcore.sequence import Frame, Sequence, Tracks
 from sim.points import simulate_points
-from tests.msckf.flights import fly, seconds, without_imu
+from tests.msckf.flights import fly, without_imu
 
 
 @pytest.fixture(scope="module")
@@ -62,46 +62,71 @@ def test_one_missing_image_ends_nothing(flight):
     assert len(after & before) > 0.8 * len(before)
 
 
-def kidnapped(seed=6) -> tuple[Sequence, Sequence, float]:
-    """A flight that goes on as another one, in another place, from one frame to the next; the second; and when."""
-    first, second = (
-        simulate_points(seed=4, seconds=8.0, noisy_imu=False),
-        simulate_points(seed=seed, seconds=10.0, moving_start=True, noisy_imu=False),
-    )
-    shift = int(first.frames[-1].t_ns + 50_000_000 - second.frames[0].t_ns)
-    frames = [
-        Frame(f.t_ns + shift, tracks={c: Tracks(t.ids + 10**6, t.uv) for c, t in f.tracks.items()})
-        for f in second.frames
-    ]
-    begin = frames[0].t_ns - 25_000_000
-    a, b = first.imu, second.imu
-    keep_a, keep_b = a.t_ns < begin, b.t_ns + shift >= begin
-    imu = ImuSamples(
-        np.concatenate([a.t_ns[keep_a], b.t_ns[keep_b] + shift]),
-        np.concatenate([a.gyro[keep_a], b.gyro[keep_b]]),
-        np.concatenate([a.accel[keep_a], b.accel[keep_b]]),
-    )
-    whole = replace(first, imu=imu, frames=[*first.frames, *frames], truth=None)
-    return whole, second, (frames[0].t_ns - first.frames[0].t_ns) * 1e-9
+class Kidnapping:
+    """A flight that goes on as another one, in another place, from one frame to the next, with the same device."""
+
+    def __init__(self, seed: int) -> None:
+        first = simulate_points(seed=seed, seconds=10.0)
+        self.second = simulate_points(seed=seed + 100, seconds=8.0, moving_start=True)
+        self.at_ns = first.frames[-1].t_ns + 50_000_000
+        self.shift = int(self.at_ns - self.second.frames[0].t_ns)
+        frames = [
+            Frame(f.t_ns + self.shift, tracks={c: Tracks(t.ids + 10**6, t.uv) for c, t in f.tracks.items()})
+            for f in self.second.frames
+        ]
+        b_g, b_a = (getattr(first.truth, b)[-1] - getattr(self.second.truth, b)[0] for b in ("b_g", "b_a"))
+        a, b, begin = first.imu, self.second.imu, self.at_ns - 25_000_000
+        before, after = a.t_ns < begin, b.t_ns + self.shift >= begin
+        imu = ImuSamples(
+            np.concatenate([a.t_ns[before], b.t_ns[after] + self.shift]),
+            np.concatenate([a.gyro[before], b.gyro[after] + b_g]),
+            np.concatenate([a.accel[before], b.accel[after] + b_a]),
+        )
+        self.sequence = replace(first, imu=imu, frames=[*first.frames, *frames], truth=None)
+
+    def velocity_error(self, estimates) -> np.ndarray:
+        """(N,) m/s, of the velocity in B; NaN without a state."""
+        true = self.second.truth.at(np.array([e.t_ns - self.shift for e in estimates]))
+        v_B = np.array([e.state.R_WB.T @ e.state.v_WB if e.state else np.full(3, np.nan) for e in estimates])
+        return np.linalg.norm(v_B - np.einsum("nji,nj->ni", true.R_WB, true.v_WB), axis=1)
 
 
-def test_after_kidnapping_it_finds_itself_again():
-    sequence, second, at_s = kidnapped()
-    result = run(Filter(sequence.calibration, FilterConfig()), sequence)
-    t = seconds(sequence, result)
-    end = result.estimates[-1]
-    assert end.health is Health.TRACKING
-    true = second.truth.at(np.array([second.frames[-1].t_ns]))
-    v_B, up_B = end.state.R_WB.T @ end.state.v_WB, end.state.R_WB.T @ [0.0, 0.0, 1.0]
-    assert np.linalg.norm(v_B - true.R_WB[0].T @ true.v_WB[0]) < 0.2
-    assert np.linalg.norm(up_B - true.R_WB[0].T @ [0.0, 0.0, 1.0]) < 0.03
-    assert any(e.health is not Health.TRACKING for e, s in zip(result.estimates, t, strict=True) if s > at_s)
+def assert_finds_itself_again(seed: int, doubt_s: float, lost_s: float) -> None:
+    kidnapping = Kidnapping(seed)
+    _, found = estimates(kidnapping.sequence)
+    found = [e for e in found if e.t_ns >= kidnapping.at_ns]
+    t, error = (np.array([e.t_ns for e in found]) - kidnapping.at_ns) * 1e-9, kidnapping.velocity_error(found)
+    health = np.array([e.health.name for e in found])
+    doubted, lost = int(np.argmax(health != "TRACKING")), int(np.argmax(health == "LOST"))
+    assert error[doubted] > 0.5  # there is something to be found
+    assert 0.0 < t[doubted] < doubt_s
+    assert t[doubted] <= t[lost] < lost_s
+    assert "TRACKING" not in health[doubted : lost + 1]
+    assert found[lost + 1].reasons == ("started",)
+    np.testing.assert_array_equal(found[lost + 1].state.p_WB, found[lost - 1].state.p_WB)
+    assert set(health[lost + 1 :]) == {"TRACKING"}
+    assert error[lost + 1 :].max() < 0.2
+    end = found[-1].state
+    true_up = kidnapping.second.truth.at(np.array([found[-1].t_ns - kidnapping.shift])).R_WB[0].T @ [0.0, 0.0, 1.0]
+    assert np.linalg.norm(end.R_WB.T @ [0.0, 0.0, 1.0] - true_up) < 0.01
+    assert error[-1] < 0.05
 
 
-def test_a_crowd_in_the_view_is_no_reason_to_start_again():
-    result = fly(simulate_points(seed=3, seconds=12.0, moving=0.4))
+def test_after_kidnapping_it_doubts_itself_until_it_starts_again():
+    assert_finds_itself_again(seed=10, doubt_s=0.8, lost_s=4.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 21))
+def test_twenty_kidnappings(seed):
+    assert_finds_itself_again(seed, doubt_s=0.8, lost_s=4.0)
+
+
+@pytest.mark.parametrize(("moving", "seed"), [(0.4, 3), (0.7, 7)])
+def test_a_crowd_in_the_view_is_no_reason_to_start_again(moving, seed):
+    result = fly(simulate_points(seed=seed, seconds=12.0, moving=moving))
     started = next(k for k, e in enumerate(result.estimates) if e.state is not None)
-    assert all(e.health is not Health.LOST for e in result.estimates[started:])
+    assert {e.health for e in result.estimates[started:]} == {Health.TRACKING}
 
 
 def test_a_stamp_from_the_far_future_is_refused(flight):
