@@ -22,7 +22,8 @@ def image_motion(before: Pixels, now: Pixels) -> float | None:
     """How far the image moved [px, rms], from features (N, 2) in two pictures; None if they are too few to tell.
 
     The motion is the affine field that fits the features, so that their noise averages out; features that do not
-    fit (on things that move) are left out of it.
+    fit (on things that move) are left out of it. What remains of the noise is known from the misfit, and taken off:
+    of n features with squared misfit s^2 each, 3 s^2 / (n - 3) in the square of the field.
     """
     n = len(before)
     if n < 12:
@@ -35,7 +36,8 @@ def image_motion(before: Pixels, now: Pixels) -> float | None:
         field = basis @ np.linalg.lstsq(basis[keep], flow[keep], rcond=None)[0]
         misfit = np.linalg.norm(flow - field, axis=1)
         keep = misfit <= 3.0 * np.median(misfit) + 1e-9
-    return float(np.sqrt(np.mean(np.sum(field[keep] ** 2, axis=1))))
+    square, noise = (float(np.mean(np.sum(x[keep] ** 2, axis=1))) for x in (field, flow - field))
+    return float(np.sqrt(max(square - 3.0 * noise / (keep.sum() - 3.0), 0.0)))
 
 
 def standstill_update(state: FilterState, config: StandstillConfig) -> None:

@@ -96,6 +96,20 @@ def test_noise_is_no_motion_but_any_turn_is():
     assert image_motion(before, before + noise + roll) == pytest.approx(expected, rel=0.15)
 
 
+def test_what_noise_alone_would_move_is_taken_off():
+    """However few features there are: it is the mean square that is right, not a limit that grows with them."""
+    rng = np.random.default_rng(1)
+
+    def mean_square(shift, n):
+        moved = [image_motion(b := pixels(n), b + rng.standard_normal((n, 2)) * 2**0.5 + shift) for _ in range(200)]
+        return np.mean(np.square(moved))
+
+    for n in (30, 150):
+        noise = 12.0 / n  # what 1 px in each picture would make of it
+        assert mean_square([0.0, 0.0], n) < 0.6 * noise  # half of the draws fall below zero, and count as that
+        assert mean_square([1.0, 0.5], n) == pytest.approx(1.25, abs=0.3 * noise)
+
+
 def test_things_that_move_by_themselves_are_left_out():
     before = pixels()
     now = before + 0.1 * np.random.default_rng(1).standard_normal(before.shape)
