@@ -123,22 +123,21 @@ def corrections(monkeypatch):
     return heard
 
 
-def blackout(seed, seconds_before, monkeypatch):
-    sequence = simulate_points(
-        seed=seed, seconds=seconds_before + 9.0, blackouts=((seconds_before, seconds_before + 5),)
-    )
+def blackout(seed, seconds_before, monkeypatch, length=5.0):
+    end = seconds_before + length
+    sequence = simulate_points(seed=seed, seconds=end + 4.0, blackouts=((seconds_before, end),))
     heard = corrections(monkeypatch)
     result = fly(sequence)
     t = seconds(sequence, result)
     assert_finite(result)
-    blind = (t > seconds_before + 0.7) & (t < seconds_before + 5.0)
-    after = t > seconds_before + 6.0
+    blind = (t > seconds_before + 0.7) & (t < end)
+    after = t > end + 1.0
     health = np.array([e.health.name for e in result.estimates])
     assert set(health[blind]) == {"INERTIAL_ONLY"}
     assert "no visual correction" in " ".join(result.estimates[np.flatnonzero(blind)[-1]].reasons)
     assert set(health[after]) == {"TRACKING"}
     assert "LOST" not in health
-    at_return = [d for stamp, d in heard if (stamp - sequence.frames[0].t_ns) * 1e-9 > seconds_before + 5.0]
+    at_return = [d for stamp, d in heard if (stamp - sequence.frames[0].t_ns) * 1e-9 > end]
     return sequence, result, np.sqrt(max(at_return[:20]))
 
 
@@ -153,6 +152,13 @@ def test_a_blackout_is_dead_reckoned_and_left_without_a_jump(monkeypatch):
 @pytest.mark.parametrize("seed", range(1, 21))
 def test_twenty_blackouts(seed, monkeypatch):
     _, _, sigmas = blackout(seed, 20.0, monkeypatch)
+    assert sigmas < 3.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 9))
+def test_half_a_minute_of_blackout(seed, monkeypatch):
+    _, _, sigmas = blackout(seed, 15.0, monkeypatch, length=30.0)
     assert sigmas < 3.0
 
 

@@ -129,6 +129,24 @@ def test_a_crowd_in_the_view_is_no_reason_to_start_again(moving, seed):
     assert {e.health for e in result.estimates[started:]} == {Health.TRACKING}
 
 
+def test_one_of_two_cameras_goes_blind_and_comes_back():
+    both = simulate_points(seed=1, seconds=12.0, cameras=2)
+    t_0 = both.frames[0].t_ns
+    for blind in (0, 1):
+        frames = [
+            Frame(f.t_ns, tracks={c: tracks for c, tracks in f.tracks.items() if c != blind})
+            if 4.0 < (f.t_ns - t_0) * 1e-9 < 9.0
+            else f
+            for f in both.frames
+        ]
+        vio, found = estimates(replace(both, frames=frames), cameras=2)
+        assert {e.health for e in found if e.state} == {Health.TRACKING}
+        assert np.mean([e.used for e in found[100:180]]) > 30
+        true = both.truth.at(np.array([found[-1].t_ns]))
+        v_B = vio.state.R_WB.T @ vio.state.v_WB
+        assert np.linalg.norm(v_B - true.R_WB[0].T @ true.v_WB[0]) < 0.03
+
+
 def test_a_stamp_from_the_far_future_is_refused(flight):
     vio = Filter(flight.calibration, FilterConfig())
     for event in list(flight.events())[:100]:
