@@ -155,13 +155,6 @@ def test_twenty_blackouts(seed, monkeypatch):
     assert sigmas < 3.0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(1, 9))
-def test_half_a_minute_of_blackout(seed, monkeypatch):
-    _, _, sigmas = blackout(seed, 15.0, monkeypatch, length=30.0)
-    assert sigmas < 3.0
-
-
 def test_few_features_are_named(flight):
     frames = [replace(f, tracks={0: type(f.tracks[0])(f.tracks[0].ids[:5], f.tracks[0].uv[:5])}) for f in flight.frames]
     poor = replace(flight, frames=[*flight.frames[:160], *frames[160:200], *flight.frames[200:]])
