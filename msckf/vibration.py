@@ -10,9 +10,7 @@ from navcore.imu import ImuNoise
 WINDOW_S = 0.4
 """Stretch of samples in which vibration is measured [s]."""
 
-_OF_WHITE_NOISE = (
-    70.0  # mean square of fourth differences, 1 -4 6 -4 1; what is left in them of a body's motion is less
-)
+_OF_WHITE_NOISE = 70.0  # mean square of its fourth differences (1, -4, 6, -4, 1); a body's motion leaves less in them
 
 
 def noise_under_vibration(noise: ImuNoise, t_ns: Stamps, gyro: Vectors, accel: Vectors) -> ImuNoise:

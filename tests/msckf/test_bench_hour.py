@@ -1,4 +1,4 @@
-"""A simulated hour: what the filter needs in its last minutes is what it needed in its first. Run with `tox -e bench`."""
+"""A simulated hour: the filter needs no more in its last minutes than in its first. Run with `tox -e bench`."""
 
 import dataclasses
 from collections.abc import Iterator
