@@ -46,9 +46,9 @@ class Fixes:
         """The scale that fits the residuals better than `sd` does: a step of expectation-maximisation."""
         return max(FINEST, float(np.sqrt(np.mean(self.weights(sd) * np.sum(self.r**2, axis=1)) / 3.0)))
 
-    def add(self, normal: Normal, sd: float) -> None:
-        """Add them to normal equations, each with its weight."""
-        information = (self.weights(sd) / sd**2)[:, None, None]
+    def add(self, normal: Normal, sd: float, share: float = 1.0) -> None:
+        """Add them to normal equations, each with its weight, counted as so many independent ones."""
+        information = (share * self.weights(sd) / sd**2)[:, None, None]
         weighted = np.swapaxes(self.by_knot, 1, 2) * information
         np.add.at(normal.own, self.k, weighted @ self.by_knot)
         np.add.at(normal.border, self.k, weighted @ self.by_constants)

@@ -22,6 +22,10 @@ GYRO_IN_MOTION, ACCELEROMETER_IN_MOTION = 2.0, 4.0
 """An IMU that moves errs by more than its white noise at rest (scale, alignment, vibration): its densities
 times this."""
 
+ATTITUDES_ALIKE_S = 1.0
+"""Motion capture errs in attitude by milliradians that stay alike for about so long: within it, all its attitudes
+count as one."""
+
 _ENOUGH = (1e-4, 5e-4)  # rad and m by which no knot moves any more
 _MARGIN_NS = 60_000_000  # IMU wanted beyond truth: more than its clock can be off
 _FIRST_SD = 0.02  # rad and m, scale of truth's errors to begin with
@@ -70,12 +74,13 @@ def smooth(sequence: Sequence) -> Smoothed:
     noise = in_motion(sequence.calibration.imu)
     knots, mounting = first_knots(truth, intervals), Mounting.none()
     turn_sd = shift_sd = _FIRST_SD
+    alike = min(1.0, float(np.median(np.diff(truth.t_ns))) * 1e-9 / ATTITUDES_ALIKE_S)
     for _ in range(MAX_STEPS):
         turns, shifts = (see(truth, knots, intervals, mounting) for see in (attitudes, positions))
         turn_sd, shift_sd = turns.refit(turn_sd), shifts.refit(shift_sd)
         normal = Normal.empty(len(intervals.t_ns), SIZE)
         increments.add(normal, knots, intervals, noise)
-        turns.add(normal, turn_sd)
+        turns.add(normal, turn_sd, alike)
         shifts.add(normal, shift_sd)
         _add_beliefs(normal, knots, mounting)
         solution = normal.solve()

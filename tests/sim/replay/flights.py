@@ -28,8 +28,13 @@ class Spoilt:
     ideal: Trajectory  # states at the IMU's stamps, with biases
 
 
-def spoil(motion: Motion, gap_s: tuple[float, float] = (0.0, 0.0), outliers: int = 0, seed: int = 0) -> Spoilt:
-    """Truth at 120 Hz, 2 mrad and 1 mm of jitter, tilted, turned, late, with a gap and flipped poses."""
+def spoil(
+    motion: Motion, gap_s: tuple[float, float] = (0.0, 0.0), outliers: int = 0, lean_rad: float = 0.0, seed: int = 0
+) -> Spoilt:
+    """Truth at 120 Hz, 2 mrad and 1 mm of jitter, tilted, turned, late, with a gap and flipped poses.
+
+    `lean_rad` is how far its attitude errs, per axis, in a way that changes over three seconds.
+    """
     rng = np.random.default_rng(seed)
     device = grade("adis16448")
     samples, ideal = simulate_imu(motion, device, rng)
@@ -39,6 +44,8 @@ def spoil(motion: Motion, gap_s: tuple[float, float] = (0.0, 0.0), outliers: int
     R = R_VW @ attitude @ R_BT @ so3.exp(2e-3 * rng.standard_normal((len(t_ns), 3)))
     p = (place.p_WB + place.R_WB @ P_BT) @ R_VW.T + 1e-3 * rng.standard_normal((len(t_ns), 3))
     wrong = rng.choice(len(t_ns), outliers, replace=False)
+    s = (t_ns - t_ns[0]) * 1e-9
+    R = R @ so3.exp(lean_rad * np.sqrt(2.0) * np.sin(2.0 * np.pi * s[:, None] / 3.0 + np.array([0.0, 1.0, 2.0])))
     R[wrong] = R[wrong] @ so3.exp(np.array([0.0, 0.0, 3.0]))
     p[wrong] += 0.1 * rng.standard_normal((outliers, 3))
     calibration = Calibration(device.noise, euroc_like(device.noise, 2).cameras)

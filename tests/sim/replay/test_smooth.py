@@ -42,6 +42,18 @@ def test_the_path_is_nearer_to_what_happened_than_truth_was(spoilt: Spoilt, smoo
     assert np.sqrt(np.mean((truth.v_WB - ideal.v_WB) ** 2)) < 5e-3
 
 
+def test_a_truth_that_leans_now_this_way_now_that_is_not_followed(flight: Motion) -> None:
+    """Gyro and accelerometer say so together; and nothing leans so in the path where truth does not."""
+    errors = []
+    for lean_rad in (0.0, 3e-3):
+        spoilt = spoil(flight, lean_rad=lean_rad)
+        truth = smooth_truth(spoilt.recording).truth
+        turn = so3.log(np.swapaxes(truth.R_WB, 1, 2) @ spoilt.motion.at(truth.t_ns).R_WB)
+        errors.append(turn.std(axis=0).max())
+    assert errors[0] < 5e-4
+    assert errors[1] < 6e-4
+
+
 def test_biases_come_back(spoilt: Spoilt, smoothed: SmoothedTruth) -> None:
     ideal = spoilt.ideal.at(smoothed.truth.t_ns)
     assert smoothed.truth.b_g is not None and smoothed.truth.b_a is not None
