@@ -80,6 +80,6 @@ class Replay:
             f"| {1e3 * f.turn_rms_rad:.2f} / {1e3 * f.shift_rms_m:.2f} (max {1e3 * f.shift_max_m:.0f}) "
             f"| {100 * f.outliers:.1f} | {f.bridged_s:.2f} / {f.left_out_s:.2f} | {1e3 * f.sd_max_m:.1f} "
             f"| {f.frame_px_rms:.3f} / {f.frame_px_max:.3f} | {f.gyro_ratio:.2f} / {f.accelerometer_ratio:.2f} "
-            f"| {f.force_slow:.4f} |"
+            f"| {f.force_slow:.4f} | {'–' if f.reckoning_m is None else f'{f.reckoning_m:.2f}'} |"
         )
         console.print(row, markup=False, highlight=False)

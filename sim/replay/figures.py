@@ -5,11 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from navcore import so3
 from navcore.arrays import Floats, Stamps, Vectors
 from navcore.sequence import Sequence
 from sim.replay import increments
 from sim.replay.chain import THETA, V
+from sim.replay.knots import g_W, second_integral, turned
 from sim.replay.smoothed import SmoothedTruth
+
+RECKONING_S = 5.0
+"""How long dead reckoning lasts that is compared with the path."""
 
 _SLOW_S = 1.0  # of the means in which noise no longer hides a wrong path
 _OUTLIER = 0.25  # robust weight below which a pose is not believed
@@ -30,6 +35,8 @@ class Figures:
         frame_px_rms, frame_px_max: turn of camera 0 from frame to frame, bias-corrected gyro against the path.
         gyro_ratio, accelerometer_ratio: rms residual of samples over that of their calibrated white noise.
         force_slow: m/s^2, rms difference of path and accelerometer less bias, in means over a second.
+        reckoning_m: m, median distance from the path of what the samples say alone after `RECKONING_S`, begun at
+            the path's own states, biases too, every second; None where the path is nowhere known for so long.
     """
 
     turn_offset_s: float
@@ -48,6 +55,7 @@ class Figures:
     gyro_ratio: float
     accelerometer_ratio: float
     force_slow: float
+    reckoning_m: float | None
 
 
 def figures(recording: Sequence, path: SmoothedTruth, frames_ns: Stamps) -> Figures:
@@ -79,6 +87,7 @@ def figures(recording: Sequence, path: SmoothedTruth, frames_ns: Stamps) -> Figu
         gyro_ratio=_rms(gyro) / (noise.gyroscope_noise_density * root),
         accelerometer_ratio=_rms(force) / (noise.accelerometer_noise_density * root),
         force_slow=_rms(slow),
+        reckoning_m=_reckoning(path),
     )
 
 
@@ -88,6 +97,26 @@ def _residuals(path: SmoothedTruth) -> tuple[Vectors, Vectors]:
     inside = path.known(intervals.t_ns[:-1]) & path.known(intervals.t_ns[1:])
     r = increments.residuals(path.smoothed.knots, intervals)[inside] / intervals.h[inside, None]
     return r[:, THETA], r[:, V]
+
+
+def _reckoning(path: SmoothedTruth) -> float | None:
+    """See `Figures.reckoning_m`."""
+    knots, intervals = path.smoothed.knots, path.smoothed.intervals
+    step_s = float(np.median(intervals.h))
+    n, every = round(RECKONING_S / step_s), round(1.0 / step_s)
+    known = path.known(intervals.t_ns)
+    starts = np.array([k for k in range(0, len(intervals.h) - n, every) if known[k : k + n + 1].all()], dtype=np.int64)
+    if len(starts) == 0:
+        return None
+    R, p, v = knots.R_WB[starts], knots.p_WB[starts], knots.v_WB[starts]
+    for k in range(n):
+        h = intervals.h[starts + k, None]
+        phi = (intervals.imu.gyro[starts + k] - knots.b_g[starts]) * h
+        force = intervals.imu.accel[starts + k] - knots.b_a[starts]
+        p = p + v * h + (turned(R @ second_integral(phi), force) + 0.5 * g_W) * h**2
+        v = v + (turned(R @ so3.left_jacobian(phi), force) + g_W) * h
+        R = R @ so3.exp(phi)
+    return float(np.median(np.linalg.norm(p - knots.p_WB[starts + n], axis=1)))
 
 
 def _frame_turns(recording: Sequence, path: SmoothedTruth, frames_ns: Stamps) -> Floats:

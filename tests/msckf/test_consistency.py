@@ -5,19 +5,21 @@ Each flight is a quadrotor's with EuRoC-like noise, in points mode. Run with -s 
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from multiprocessing import get_context
 
 import numpy as np
 import pytest
 
-from eval.consistency import Consistency, judge, nees
+from eval.consistency import MEAN_PER_DOF, Consistency, judge, judge_nis, nees
 from eval.metrics import score
-from msckf.config import CalibrationConfig
+from msckf.config import CalibrationConfig, FilterConfig
+from msckf.filter import Filter
 from navcore import so3
 from navcore.odometry import Health
 from navcore.prior import BiasPrior
 from navcore.priors.listed import ListedPrior
-from navcore.sequence import Sequence
+from navcore.sequence import Frame, Sequence
 from sim.points import simulate_points
 from tests.msckf.flights import fly
 
@@ -48,9 +50,9 @@ def calibrated(sequence: Sequence, seed: int) -> Sequence:
     return replace(sequence, calibration=replace(sequence.calibration, cameras=(replace(camera, T_BC=T_BC),)))
 
 
-def flight_of(seed):
+def flight_of(seed, platform="quadrotor"):
     """Of one flight: NEES, ATE as a share of the path, and how often it was lost."""
-    sequence = calibrated(simulate_points(seed=seed, seconds=60.0), seed)
+    sequence = calibrated(simulate_points(platform, seed=seed, seconds=60.0), seed)
     result = fly(sequence)
     scores = score(result.trajectory, sequence.truth)
     lost = sum(e.health is Health.LOST for e in result.estimates)
@@ -64,6 +66,61 @@ def test_fifty_flights_are_consistent_and_none_diverges():
     assert sum(lost) == 0
     assert max(shares) < 0.0015
     assert verdict.passed, str(verdict)
+
+
+@pytest.mark.parametrize("platform", ["rover", "handheld"])
+def test_fifty_runs_of_other_platforms_neither_diverge_nor_are_too_sure(platform):
+    """Of what can be observed they are as sure as they should be; a rover that drives straight on learns less of it."""
+    values, shares, lost = zip(*over_seeds(partial(flight_of, platform=platform)), strict=True)
+    verdict = judge(values)
+    print(f"\n{platform}\n{verdict}\nATE {100 * np.mean(shares):.4f} % of the path, worst {100 * max(shares):.4f} %")
+    assert sum(lost) == 0
+    assert max(shares) < 0.01
+    assert verdict.mean_per_dof.max() < MEAN_PER_DOF[1]
+
+
+def test_fifty_more_flights_do_not_diverge():
+    _, shares, lost = zip(*over_seeds(flight_of, range(51, 101)), strict=True)
+    assert sum(lost) == 0
+    assert max(shares) < 0.0015
+
+
+def innovations_of(seed):
+    """NIS of what vision and a prior said in one flight: two triples of times, values, degrees of freedom."""
+    sequence = calibrated(simulate_points(seed=seed, seconds=30.0), seed)
+    settings = FilterConfig().with_overrides({"vision.adapt_noise": False})
+    prior = network_like(sequence, np.random.default_rng([seed, 1]))
+    vio, vision, said = Filter(sequence.calibration, settings, prior), [], []
+    advance = vio._window.advance
+
+    def listen(state, t_ns, *rest):
+        outcome = advance(state, t_ns, *rest)
+        if outcome.nis is not None:
+            vision.append((np.full(len(outcome.nis), t_ns), outcome.nis, outcome.dof))
+        return outcome
+
+    vio._window.advance = listen
+    applied = 0
+    for event in sequence.events():
+        for estimate in vio.add_frame(event) if isinstance(event, Frame) else vio.add_imu(event):
+            known = vio.prior
+            if known.applied > applied:
+                applied = known.applied
+                said.append((estimate.t_ns, known.nis, 6.0))
+    start = sequence.frames[0].t_ns + TAKE_OFF_S * 1e9
+    out = []
+    for t, nis, dof in (map(np.concatenate, zip(*vision, strict=True)), np.array(said).T):
+        flying = t > start
+        out.append(((t[flying] - start) * 1e-9, nis[flying], dof[flying]))
+    return out
+
+
+def test_innovations_of_vision_and_prior_are_as_large_as_they_should_be():
+    """Features of one frame share the error of the window, and a prior its constant: means, not chi-square tests."""
+    for name, of_flights in zip(("vision", "prior"), zip(*over_seeds(innovations_of), strict=True), strict=True):
+        verdict = judge_nis(*zip(*of_flights, strict=True))
+        print(f"\n{name}\n{verdict}")
+        assert MEAN_PER_DOF[0] < verdict.mean_per_dof[0] < MEAN_PER_DOF[1]
 
 
 def flight_without_first_estimates(seed):

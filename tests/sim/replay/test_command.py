@@ -28,7 +28,7 @@ def test_the_report_is_a_row_of_a_table_and_writes_nothing(folder: Path) -> None
     turn_offset_ms, _, shift_offset_ms = row.split("|")[2].split()
     assert float(turn_offset_ms) == pytest.approx(4.0, abs=0.5)
     assert float(shift_offset_ms) == pytest.approx(-7.0, abs=0.5)
-    assert row.count("|") == 11
+    assert row.count("|") == 12
     assert "1 gap(s) of truth, up to 1.0" in said.getvalue()
     assert set(folder.parent.iterdir()) == before
 
