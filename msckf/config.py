@@ -84,8 +84,9 @@ class StandstillConfig:
     accel_std: float = 0.15  # m/s^2, likewise
     max_disparity: float = 0.4  # px, motion of the image since standstill began
     position_sigma: float = 5e-4  # m, how well the pose is known to be the same
-    rotation_sigma: float = 2e-4  # rad
+    rotation_sigma: float = 5e-4  # rad, what the test of the image lets pass
     velocity_sigma: float = 5e-3  # m/s
+    gate_probability: float = 0.99  # of the chi-square test by which the body has begun to move
 
 
 @dataclass(frozen=True)

@@ -287,8 +287,7 @@ class Filter:
         c = self.config.standstill
         if c.enabled and len(state.clones) and imu_is_quiet(self._buffer, t_ns, c, c.window_s):
             disparity = self._window.disparity(observations)
-            if disparity is not None and disparity < c.max_disparity:
-                standstill_update(state, c)
+            if disparity is not None and disparity < c.max_disparity and standstill_update(state, c):
                 self._window.hold(observations)
                 return VisualOutcome(), True
         return self._window.advance(state, frame_ns, self._omega_B, observations), False

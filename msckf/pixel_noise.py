@@ -23,13 +23,18 @@ class PixelNoise:
         self._frames = 0
         self.sigma = config.pixel_noise  # px
 
-    def learn(self, nis: Floats, dof: Floats) -> None:
-        """Take what one frame's features (N,) showed, refused ones included, at the present noise."""
+    def learn(self, nis: Floats, dof: Floats, *, only_up: bool = False) -> None:
+        """Take what one frame's features (N,) showed, refused ones included, at the present noise.
+
+        `only_up`: they may show that it is too small, not that it is too large.
+        """
         c = self._config
         if not c.adapt_noise or len(nis) < _FEATURES:
             return
+        surprise = float(np.log(np.median(nis / chi_square_quantile(0.5, dof)) + 1e-9))
+        if only_up and surprise <= 0.0:
+            return
         self._frames += 1
         share = max(_SLOWEST, _QUICKEST / np.sqrt(self._frames))
-        surprise = float(np.log(np.median(nis / chi_square_quantile(0.5, dof)) + 1e-9))
         step = 0.5 * share * float(np.clip(surprise, -_LARGEST, _LARGEST))
         self.sigma = float(np.clip(self.sigma * np.exp(step), c.least_noise, c.most_noise))

@@ -3,11 +3,12 @@
 import numpy as np
 
 from msckf.blocks import MOTION, POSITION, THETA, VELOCITY
+from msckf.chi_square import chi_square_quantile
 from msckf.config import StandstillConfig
 from msckf.imu_buffer import ImuBuffer
 from msckf.state import FilterState
 from navcore import so3
-from navcore.arrays import Pixels
+from navcore.arrays import Floats, Pixels, Stamps
 
 
 def imu_is_quiet(buffer: ImuBuffer, t_ns: int, config: StandstillConfig, window_s: float) -> bool:
@@ -40,8 +41,26 @@ def image_motion(before: Pixels, now: Pixels) -> float | None:
     return float(np.sqrt(max(square - 3.0 * noise / (keep.sum() - 3.0), 0.0)))
 
 
-def standstill_update(state: FilterState, config: StandstillConfig) -> None:
-    """Pose is that of the newest clone, velocity is zero (docs/filter.md, section 5)."""
+def standstill_update(state: FilterState, config: StandstillConfig) -> bool:
+    """Correct the state by standing still, unless a chi-square test finds that it has begun to move.
+
+    Says whether it was corrected (docs/filter.md, section 5).
+    """
+    H, columns, r, R = unmoved(state, config)
+    HP = H @ state.covariance[columns]
+    S = HP[:, columns] @ H.T + R
+    if r @ np.linalg.solve(S, r) > chi_square_quantile(config.gate_probability, float(len(r))):
+        return False
+    state.correct(HP, S, r)
+    return True
+
+
+def unmoved(state: FilterState, config: StandstillConfig) -> tuple[Floats, Stamps, Floats, Floats]:
+    """The measurement that the pose is that of the newest clone and the velocity zero.
+
+    Returns:
+        H (9, 15) by the error states of the indices (15,), r (9,), R (9, 9).
+    """
     clones = state.clones
     k = len(clones) - 1
     columns = np.r_[THETA, POSITION, VELOCITY, state.clone(k)]
@@ -57,4 +76,4 @@ def standstill_update(state: FilterState, config: StandstillConfig) -> None:
     H[VELOCITY, VELOCITY] = np.eye(3)
     r = np.concatenate([-turn, p_0 - state.p_WB, -state.v_WB])
     sigma = np.repeat([config.rotation_sigma, config.position_sigma, config.velocity_sigma], 3)
-    state.update(H, columns, r, np.diag(sigma**2))
+    return H, columns, r, np.diag(sigma**2)

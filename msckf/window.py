@@ -90,7 +90,7 @@ class VisualWindow:
         views = self.table.views_of(state.rig, chosen)
         unsure = np.diagonal(state.covariance)[VELOCITY].max() > config.unsure_velocity**2
         m = self._settled(state, views) if unsure else self._measured(state, views)
-        self.noise.learn(m.nis, m.dof)
+        self.noise.learn(m.nis, m.dof, only_up=unsure)
         where = np.flatnonzero(chosen)
         promoted = lasting[where[m.used]] & promotable(m, config) & (not unsure)
         promoted &= np.cumsum(promoted) <= config.landmarks - len(state.landmarks)
