@@ -18,7 +18,7 @@ from navcore.odometry import State
 
 CLONE_SIZE = 6
 LANDMARK_SIZE = 3
-_FAR_OFF = (0.01, 0.03)  # rad and m/s, a correction after which first estimates are given up
+_FAR_OFF = (0.01, 0.003, 0.01)  # rad, m/s and share of the speed, a correction after which first estimates are given up
 
 
 class FilterState:
@@ -138,9 +138,10 @@ class FilterState:
 
     def far_from_first_estimates(self) -> bool:
         """Whether the last frame corrected the state so much that its first estimate is no point to linearise at."""
-        turn, velocity = _FAR_OFF
+        turn, velocity, share = _FAR_OFF
+        most = velocity + share * float(np.linalg.norm(self.v_WB))
         cosine = 0.5 * (np.trace(self._first[0].T @ self.R_WB) - 1.0)
-        return bool(np.linalg.norm(self.v_WB - self._first[2]) > velocity or cosine < np.cos(turn))
+        return bool(np.linalg.norm(self.v_WB - self._first[2]) > most or cosine < np.cos(turn))
 
     def linearise_anew(self) -> None:
         """Make the current estimates first estimates, of the body and the clones."""
