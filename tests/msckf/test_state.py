@@ -397,12 +397,14 @@ def test_first_estimates_stay_when_updates_move_the_window(fej):
 
 
 @pytest.mark.parametrize(
-    ("columns", "d", "anew"),
-    [(VELOCITY, 0.02, False), (VELOCITY, 0.04, True), (THETA, 0.008, False), (THETA, 0.012, True)],
+    ("columns", "size", "anew"),
+    [(VELOCITY, 0.8, False), (VELOCITY, 1.2, True), (THETA, 0.8, False), (THETA, 1.2, True)],
     ids=["slower", "faster", "less", "more"],
 )
-def test_first_estimates_are_given_up_after_a_large_correction_only(columns, d, anew):
+def test_first_estimates_are_given_up_after_a_large_correction_only(columns, size, anew):
+    """0.01 rad, or 3 mm/s and a hundredth of the speed."""
     state = with_window()
+    d = size * (0.01 if columns == THETA else 0.003 + 0.01 * np.linalg.norm(state.v_WB))
     state.update(np.eye(3), np.r_[columns], np.array([d, 0.0, 0.0]), 1e-12 * np.eye(3))
     first = (state.clones.R_first, state.clones.p_first)
     now = (state.clones.R_WB, state.clones.p_WB)
