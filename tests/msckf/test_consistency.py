@@ -68,16 +68,15 @@ def test_fifty_flights_are_consistent_and_none_diverges():
     assert verdict.passed, str(verdict)
 
 
-@pytest.mark.parametrize(
-    "platform",
-    ["rover", pytest.param("handheld", marks=pytest.mark.xfail(reason="too sure of attitude and gyro: section 9"))],
-)
+@pytest.mark.parametrize("platform", ["rover", "handheld"])
 def test_fifty_runs_of_other_platforms_neither_diverge_nor_are_too_sure(platform):
     values, shares, lost = zip(*over_seeds(partial(flight_of, platform=platform)), strict=True)
     verdict = judge(values)
     print(f"\n{platform}\n{verdict}\nATE {100 * np.mean(shares):.4f} % of the path, worst {100 * max(shares):.4f} %")
     assert sum(lost) == 0
-    assert max(shares) < 0.01
+    assert max(shares) < 0.0015
+    if platform == "handheld" and verdict.mean_per_dof.max() >= MEAN_PER_DOF[1]:
+        pytest.xfail("too sure when it sets off gently: docs/filter.md, section 9")
     assert verdict.mean_per_dof.max() < MEAN_PER_DOF[1]
 
 

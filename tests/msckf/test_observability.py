@@ -170,7 +170,6 @@ def leaks(monkeypatch):
     As a share of the largest entry; by what happened.
     """
     monkeypatch.setattr(msckf.visual, "compress", lambda r, H: (r, H))
-    monkeypatch.setattr(msckf.state, "_FAR_OFF", (3.0, 10.0, 0.0))  # giving them up would choose new points
     heard = {"window": [], "landmarks": [], "new": [], "moved": [], "clone": []}
     real = {name: getattr(FilterState, name) for name in ("update", "seen_through", "add_landmarks", "add_clone")}
 

@@ -52,7 +52,7 @@ def test_the_gyro_and_the_path_agree_to_a_tenth_of_a_pixel(recording: Sequence, 
     assert found.bridged_s == pytest.approx(1.0, abs=0.02)
     assert found.left_out_s == 0.0
     assert found.reckoning_m is not None
-    assert 0.001 < found.reckoning_m < 0.1  # tens of mm/s^2 of white noise's worth over five seconds
+    assert 0.001 < found.reckoning_m < 0.1  # white noise alone makes 0.013 m an axis of it
 
 
 def test_it_keeps_the_imu_and_stamps_frames_in_its_time(opengl: None, recording: Sequence) -> None:
