@@ -6,7 +6,7 @@ import numpy as np
 
 from msckf.clock import stage
 from msckf.views import Rig
-from navcore.arrays import Floats, Image, Mask, Rotations, Stamps
+from navcore.arrays import Floats, Image, Mask, Rotations, Stamps, among
 from navcore.errors import DataError
 from navcore.odometry import SKIPPED
 from navcore.sequence import Frame, Tracks
@@ -124,7 +124,7 @@ class Frontend:
         if first_sees:
             self._matchers[c - 1].match()
         if tracker.has_room:
-            shared = np.isin(tracker.ids, self._trackers[0].ids) | (not first_sees)
+            shared = among(tracker.ids, self._trackers[0].ids) | (not first_sees)
             tracker.begin(tracker.grid.counts(tracker.uv[shared]) == 0)
         return True
 

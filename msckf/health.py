@@ -10,7 +10,7 @@ from msckf.config import HealthConfig
 from msckf.frontend import Observations
 from msckf.state import FilterState
 from msckf.visual import VisualOutcome
-from navcore.arrays import Stamps
+from navcore.arrays import Stamps, among
 from navcore.odometry import Health
 
 
@@ -89,7 +89,7 @@ class HealthMonitor:
         c = self._config
         self._said.append((t_ns, outcome.used, outcome.rejected))
         if len(observations):
-            if np.isin(self._followed, observations.keys).sum() < c.cut_share * len(self._followed):
+            if among(self._followed, observations.keys).sum() < c.cut_share * len(self._followed):
                 self._cut_ns = t_ns
                 self._said = deque([(t_ns, 0, 0)])
             self._followed = observations.keys

@@ -9,7 +9,7 @@ from msckf.landmarks import Landmarks
 from msckf.state import FilterState
 from msckf.visual import VisualMeasurement, VisualOutcome, camera_jacobian
 from navcore import so3
-from navcore.arrays import Floats, Mask, Rotations, Stamps, Vectors
+from navcore.arrays import Floats, Mask, Rotations, Stamps, Vectors, among
 
 _ENDS_BEYOND = 0.9999  # quantile of the chi-square test at which a landmark is given up
 
@@ -90,7 +90,7 @@ def update_landmarks(state: FilterState, observations: Observations, config: Vis
 
     While a camera is blind none is dropped: it may be this camera that sees them.
     """
-    seen = np.isin(state.landmarks.keys, observations.keys)
+    seen = among(state.landmarks.keys, observations.keys)
     if not observations.blind:
         state.drop_landmarks(~seen)
     if not seen.any():

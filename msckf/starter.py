@@ -15,7 +15,7 @@ from msckf.standstill import image_motion
 from msckf.start_inertia import Window
 from msckf.static_start import force_surprise, is_steady, static_start
 from msckf.views import Rig
-from navcore.arrays import Mask, Stamps, Vectors
+from navcore.arrays import Mask, Stamps, Vectors, among
 from navcore.calibration import Calibration
 from navcore.odometry import State
 
@@ -114,7 +114,7 @@ class Starter:
         known = np.flatnonzero(count >= self._config.vision.min_views)
         known = known[np.argsort(-count[known], kind="stable")]
         first = known[alive[known]][: 2 * most // 3]
-        others = known[~np.isin(known, first)][: most - len(first)]
+        others = known[~among(known, first)][: most - len(first)]
         return np.sort(np.concatenate([first, others]))
 
     def _keyframes(self, t_ns: int) -> list[int] | None:

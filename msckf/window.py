@@ -14,7 +14,7 @@ from msckf.standstill import image_motion
 from msckf.state import FilterState
 from msckf.views import Views
 from msckf.visual import VisualMeasurement, VisualOutcome, measure
-from navcore.arrays import Mask, Vectors
+from navcore.arrays import Mask, Vectors, among
 
 _ITERATIONS = 8
 _SETTLED = 1e-3  # rad or m, norm of a step over the window
@@ -39,13 +39,13 @@ class VisualWindow:
 
     def hold(self, observations: Observations) -> None:
         """The body has not moved since the newest clone: only note which features are still followed."""
-        self.table.alive = np.isin(self.table.keys, observations.keys)
+        self.table.alive = among(self.table.keys, observations.keys)
 
     def advance(self, state: FilterState, t_ns: int, omega_B: Vectors, observations: Observations) -> VisualOutcome:
         """Clone the current pose, use the features that end, drop the oldest clone when the window is full."""
         self.config = replace(self._asked, pixel_noise=self.noise.sigma)
         state.add_clone(t_ns, omega_B)
-        self.table.add_clone(observations.rows(~np.isin(observations.keys, state.landmarks.keys)))
+        self.table.add_clone(observations.rows(~among(observations.keys, state.landmarks.keys)))
         leaving = self._leaving() if len(state.clones) >= self.config.clones else None
         seen_from = self.table.seen_from
         last_chance = seen_from[:, 0] if leaving == 0 else np.zeros(len(self.table), dtype=bool)

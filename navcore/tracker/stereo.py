@@ -3,7 +3,7 @@
 import numpy as np
 
 from navcore import so3
-from navcore.arrays import Floats, Mask, Pixels, Stamps, Vectors
+from navcore.arrays import Floats, Mask, Pixels, Stamps, Vectors, among
 from navcore.calibration import CameraMount
 from navcore.tracker.corners import apart
 from navcore.tracker.flow import flow
@@ -71,7 +71,7 @@ class StereoMatcher:
         """Take new matches; what the second camera followed for itself gives way to them."""
         other = self._other
         distance = 0.5 * other.config.min_distance
-        shared = np.isin(other.ids, self._tracker.ids)
+        shared = among(other.ids, self._tracker.ids)
         free = apart(uv, other.uv[shared], distance)
         other.keep(shared | apart(other.uv, uv[free], distance))
         other.add(ids[free], uv[free], bearings[free])
