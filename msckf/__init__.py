@@ -1,7 +1,6 @@
 """An error-state MSCKF for one IMU and cameras that accepts a bias prior as a pseudo-measurement."""
 
 from msckf.config import FilterConfig
-from msckf.errors import InputError, MsckfError
 from msckf.filter import Filter, TimedState
 
-__all__ = ["Filter", "FilterConfig", "InputError", "MsckfError", "TimedState"]
+__all__ = ["Filter", "FilterConfig", "TimedState"]

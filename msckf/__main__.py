@@ -16,7 +16,6 @@ from threadpoolctl import threadpool_limits
 from eval.errors import EvalError
 from eval.metrics import score
 from msckf.config import FilterConfig, StartConfig, StartMode
-from msckf.errors import MsckfError
 from msckf.filter import Filter, TimedState
 from navcore.command_line import command_line
 from navcore.errors import ConfigError
@@ -161,7 +160,7 @@ def _report(result: Run, summary: dict[str, object], out: Path) -> None:
 
 def main() -> int:
     """Parse the command line and run it."""
-    with command_line(MsckfError, EvalError):
+    with command_line(EvalError):
         return int(tyro.extras.subcommand_cli_from_dict({"run": run}, prog="python -m msckf"))
 
 

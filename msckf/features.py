@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from msckf.frontend import Observations
 from msckf.views import Rig, Views
 from navcore.arrays import Floats, Mask, Stamps
+from navcore.frontend import Observations
 
 
 class FeatureTable:

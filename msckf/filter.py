@@ -1,6 +1,5 @@
 """The filter as its users see it: IMU samples and frames in, estimates out."""
 
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -8,30 +7,30 @@ from typing import Any
 import numpy as np
 
 from msckf.chi_square import chi_square_quantile
-from msckf.clock import stage
 from msckf.config import FilterConfig
-from msckf.errors import InputError
 from msckf.estimated import Estimated
-from msckf.frontend import Frontend, Observations
 from msckf.health import HealthMonitor, Verdict
-from msckf.imu_buffer import Cells, ImuBuffer
 from msckf.prior_update import PriorState, PriorUpdate, StartingBias
 from msckf.propagation import integrate
 from msckf.recovery import LastPose, Memory, continued, disagreement
 from msckf.standstill import imu_is_quiet, standstill_update
 from msckf.starter import Starter
 from msckf.state import FilterState
-from msckf.vibration import WINDOW_S, noise_under_vibration
 from msckf.views import Rig
 from msckf.visual import VisualOutcome
 from msckf.window import VisualWindow
 from navcore.arrays import Floats, Rotations
 from navcore.calibration import Calibration
+from navcore.clock import stage
 from navcore.errors import ConfigError
+from navcore.frontend import Frontend, Observations
 from navcore.imu import ImuNoise, ImuSamples
+from navcore.imu_buffer import Cells
+from navcore.inbox import Inbox
 from navcore.odometry import Estimate, Health, State
 from navcore.prior import BiasPriorSource, load_prior
 from navcore.sequence import Frame, Tracks
+from navcore.vibration import WINDOW_S, noise_under_vibration
 
 _SAME_STATE = 0.999  # quantile of the chi-square test by which two states are the same
 
@@ -69,11 +68,10 @@ class Filter:
         if not 1 <= self.config.cameras <= len(calibration.cameras):
             raise ConfigError(f"{self.config.cameras} cameras asked for, the rig has {len(calibration.cameras)}")
         self._rig = Rig(calibration.cameras[: self.config.cameras])
-        self._buffer = ImuBuffer(calibration.imu.rate_hz)
-        self._frames: deque[Frame] = deque()
-        self._newest_frame_ns: int | None = None
-        self._refused_ns: int | None = None  # stamp of the last frame, if it was refused for being ahead
-        self._frontend = Frontend(self._rig, self.config.tracker)
+        health = self.config.health
+        self._inbox = Inbox(calibration.imu.rate_hz, health.max_ahead_s, health.max_imu_gap_s)
+        self._buffer = self._inbox.buffer
+        self._frontend = Frontend(self._rig.mounts, self.config.tracker)
         self._observations: Observations | None = None
         self._prior = PriorUpdate(prior or load_prior("none"), self.config.prior, calibration.imu)
         self._told_start = start
@@ -125,7 +123,7 @@ class Filter:
         Raises:
             InputError: they do not follow; the filter is as it was.
         """
-        self._buffer.append(samples)
+        self._inbox.add_imu(samples)
         self._prior.add_imu(samples)
         return self._answer(final=False)
 
@@ -136,19 +134,7 @@ class Filter:
             InputError: the frame is not newer than the last, or so far ahead that its stamp must be wrong; the
                 estimate is as it was. A second frame that follows one refused for being ahead is taken.
         """
-        last, refused_ns = self._newest_frame_ns, self._refused_ns
-        if last is not None:
-            if frame.t_ns <= last:
-                raise InputError(f"frame at {frame.t_ns} ns does not follow the last, at {last} ns")
-            most_s = self.config.health.max_ahead_s
-            ahead_s = (frame.t_ns - max(last, self._buffer.newest_ns or last)) * 1e-9
-            confirmed = refused_ns is not None and 0.0 < (frame.t_ns - refused_ns) * 1e-9 <= most_s
-            if ahead_s > most_s and not confirmed:
-                self._refused_ns = frame.t_ns
-                raise InputError(f"frame at {frame.t_ns} ns is {ahead_s:.1f} s ahead of all that came before")
-        self._refused_ns = None
-        self._newest_frame_ns = frame.t_ns
-        self._frames.append(frame)
+        self._inbox.add_frame(frame)
         return self._answer(final=False)
 
     def finish(self) -> list[Estimate]:
@@ -157,18 +143,11 @@ class Filter:
 
     def _answer(self, *, final: bool) -> list[Estimate]:
         estimates = []
-        while self._frames:
-            t_ns = self._frames[0].t_ns + self._offset_ns()
-            newest = self._buffer.newest_ns
-            reach = 0 if newest is None else newest
-            if newest is None or reach < t_ns:
-                if not final:
-                    break
-                if newest is None or t_ns - reach > round(1e9 * self.config.health.max_imu_gap_s):
-                    self._frames.popleft()
-                    estimates.append(Estimate(t_ns, Health.LOST, ("no IMU up to this frame",)))
-                    continue
-            estimates.append(self._process(self._frames.popleft(), t_ns))
+        while (due := self._inbox.next(self._offset_ns(), final=final)) is not None:
+            if due.covered:
+                estimates.append(self._process(due.frame, due.t_ns))
+            else:
+                estimates.append(Estimate(due.t_ns, Health.LOST, ("no IMU up to this frame",)))
         return estimates
 
     def _offset_ns(self) -> int:

@@ -7,10 +7,10 @@ import numpy as np
 
 from msckf.blocks import POSITION, VELOCITY
 from msckf.config import HealthConfig
-from msckf.frontend import Observations
 from msckf.state import FilterState
 from msckf.visual import VisualOutcome
 from navcore.arrays import Stamps, among
+from navcore.frontend import Observations
 from navcore.odometry import Health
 
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from msckf.blocks import ACCEL_BIAS, BIASES, GYRO_BIAS, MOTION, POSITION, THETA, VELOCITY
-from msckf.imu_buffer import Cells
 from navcore import so3
 from navcore.arrays import Floats, Rotations, Vectors
 from navcore.imu import GRAVITY, ImuNoise
+from navcore.imu_buffer import Cells
 
 G_W = np.array([0.0, 0.0, -GRAVITY])
 """Gravity in W [m/s^2]."""

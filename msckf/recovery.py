@@ -8,13 +8,13 @@ import numpy as np
 from msckf.blocks import BIASES, POSITION, THETA, VELOCITY
 from msckf.config import CalibrationConfig
 from msckf.estimated import Estimated
-from msckf.imu_buffer import Cells
 from msckf.propagation import integrate
 from msckf.state import FilterState
 from msckf.views import Rig
 from navcore import so3
 from navcore.arrays import Floats, Rotations, Vectors
 from navcore.imu import ImuNoise
+from navcore.imu_buffer import Cells
 from navcore.odometry import State
 
 _DOUBT = 2.0  # factor on the standard deviations of what was learned

@@ -5,10 +5,10 @@ import numpy as np
 from msckf.blocks import MOTION, POSITION, THETA, VELOCITY
 from msckf.chi_square import chi_square_quantile
 from msckf.config import StandstillConfig
-from msckf.imu_buffer import ImuBuffer
 from msckf.state import FilterState
 from navcore import so3
 from navcore.arrays import Floats, Pixels, Stamps
+from navcore.imu_buffer import ImuBuffer
 
 
 def imu_is_quiet(buffer: ImuBuffer, t_ns: int, config: StandstillConfig, window_s: float) -> bool:

@@ -6,13 +6,13 @@ from functools import cached_property
 import numpy as np
 
 from msckf.blocks import POSITION, THETA, VELOCITY
-from msckf.imu_buffer import Cells
 from msckf.propagation import G_W, Increment, integrate, predict
 from msckf.static_start import gravity_aligned
 from msckf.views import Views
 from navcore import so3
 from navcore.arrays import Floats, Rotations, Vectors
 from navcore.imu import ImuNoise
+from navcore.imu_buffer import Cells
 from navcore.prior import BiasPrior
 
 _JITTER = 1e-9  # of a correlation matrix, so that it has a Cholesky factor

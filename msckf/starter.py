@@ -7,8 +7,6 @@ import numpy as np
 
 from msckf.config import FilterConfig
 from msckf.features import FeatureTable
-from msckf.frontend import Observations
-from msckf.imu_buffer import ImuBuffer
 from msckf.moving_start import StartResult, moving_start
 from msckf.prior_update import StartingBias
 from msckf.standstill import image_motion
@@ -17,6 +15,8 @@ from msckf.static_start import force_surprise, is_steady, static_start
 from msckf.views import Rig
 from navcore.arrays import Mask, Stamps, Vectors, among
 from navcore.calibration import Calibration
+from navcore.frontend import Observations
+from navcore.imu_buffer import ImuBuffer
 from navcore.odometry import State
 
 _ATTEMPT_S = 0.2  # between attempts of a moving start

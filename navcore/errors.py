@@ -11,3 +11,7 @@ class DataError(NavcoreError, ValueError):
 
 class ConfigError(NavcoreError, ValueError):
     """An option or a specification is unknown or out of range; the message lists what is allowed."""
+
+
+class InputError(NavcoreError, ValueError):
+    """A sample or a frame cannot follow what came before; the message names its time."""

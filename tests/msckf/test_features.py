@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from msckf.features import FeatureTable
-from msckf.frontend import Observations
+from navcore.frontend import Observations
 from tests.msckf.scenes import ONE, STEREO
 
 

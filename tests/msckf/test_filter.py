@@ -9,13 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from msckf.blocks import POSITION
 from msckf.config import FilterConfig
-from msckf.errors import InputError
 from msckf.filter import Filter, TimedState, make
 from msckf.state import FilterState
 from msckf.window import VisualWindow
 from navcore import so3
 from navcore.calibration import Calibration
-from navcore.errors import ConfigError
+from navcore.errors import ConfigError, InputError
 from navcore.imu import GRAVITY, ImuNoise, ImuSamples
 from navcore.odometry import SKIPPED, Health, State, run
 from navcore.prior import load_prior

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from msckf.config import HealthConfig
-from msckf.frontend import Observations
 from msckf.health import HealthMonitor
 from msckf.state import FilterState
 from msckf.visual import VisualOutcome
+from navcore.frontend import Observations
 from navcore.odometry import Health
 from tests.msckf.scenes import ONE, filter_state, start_state
 

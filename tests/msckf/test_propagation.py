@@ -7,10 +7,10 @@ from jacobians import assert_jacobian
 from scipy.linalg import block_diag, expm
 from scipy.spatial.transform import Rotation
 
-from msckf.imu_buffer import Cells, ImuBuffer
 from msckf.propagation import Increment, _integrals, _steps, integrate, noise_in_world, predict, transition
 from navcore import so3
 from navcore.imu import ImuNoise
+from navcore.imu_buffer import Cells, ImuBuffer
 from sim.imu import exact_imu
 from sim.motion import EPOCH_NS
 from sim.platforms import DIFFICULTIES, PLATFORMS, simulate_motion

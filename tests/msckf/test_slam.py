@@ -7,12 +7,12 @@ from scipy.spatial.transform import Rotation
 
 from msckf.config import CalibrationConfig, VisionConfig
 from msckf.estimated import Estimated
-from msckf.frontend import Observations
 from msckf.landmarks import Landmarks
 from msckf.slam import _predict, add_landmarks, move_anchors, promotable, update_landmarks
 from msckf.state import FilterState
 from msckf.visual import by_calibration, linearise, measure
 from navcore import so3
+from navcore.frontend import Observations
 from navcore.odometry import State
 from tests.msckf import scenes
 

@@ -6,10 +6,10 @@ from jacobians import assert_jacobian
 from scipy.spatial.transform import Rotation
 
 from msckf.config import StandstillConfig
-from msckf.imu_buffer import Cells, ImuBuffer
 from msckf.propagation import G_W, integrate
 from msckf.standstill import image_motion, imu_is_quiet, standstill_update, unmoved
 from navcore.imu import ImuNoise, ImuSamples
+from navcore.imu_buffer import Cells, ImuBuffer
 from tests.msckf.scenes import filter_state
 
 CONFIG = StandstillConfig()

@@ -13,8 +13,6 @@ from scipy.spatial.transform import Rotation
 from msckf.config import FilterConfig, StartConfig
 from msckf.features import FeatureTable
 from msckf.filter import Filter
-from msckf.frontend import Frontend
-from msckf.imu_buffer import ImuBuffer
 from msckf.moving_start import in_motion, moving_start
 from msckf.propagation import G_W
 from msckf.start_guess import closed_form, rotation_bias
@@ -24,7 +22,9 @@ from msckf.start_refinement import Refined, refine
 from msckf.static_start import force_surprise, gravity_aligned, static_start
 from msckf.views import Rig
 from navcore import so3
+from navcore.frontend import Frontend
 from navcore.imu import GRAVITY, ImuNoise, ImuSamples
+from navcore.imu_buffer import ImuBuffer
 from navcore.odometry import Health, run
 from navcore.prior import BiasPrior
 from navcore.sequence import Frame
@@ -110,7 +110,7 @@ def window_of(sequence, seconds=1.5, every=2, device=WIDE, cameras=1):
     table, buffer = FeatureTable(cameras), ImuBuffer(sequence.calibration.imu.rate_hz)
     buffer.append(sequence.imu)
     rig = Rig(sequence.calibration.cameras[:cameras])
-    frontend = Frontend(rig, TrackerConfig())
+    frontend = Frontend(rig.mounts, TrackerConfig())
     for frame in frames:
         table.add_clone(
             frontend.observe(Frame(frame.t_ns, tracks={c: frame.tracks[c] for c in range(cameras)}), None, {})

@@ -11,12 +11,12 @@ from scipy.spatial.transform import Rotation
 from msckf.blocks import ACCEL_BIAS, BIASES, GYRO_BIAS, IMU_SIZE, POSITION, THETA, VELOCITY
 from msckf.config import CalibrationConfig
 from msckf.estimated import Estimated
-from msckf.imu_buffer import Cells
 from msckf.landmarks import Landmarks
 from msckf.propagation import integrate, noise_in_world, predict, transition
 from msckf.recovery import LastPose, continued
 from msckf.state import FilterState, _bordered
 from navcore.imu import ImuNoise
+from navcore.imu_buffer import Cells
 from tests.msckf.scenes import ONE, STEREO, filter_state, start_state
 
 OMEGA = np.array([0.3, -0.5, 0.8])

@@ -7,8 +7,8 @@ import pytest
 
 from msckf.blocks import BIASES
 from msckf.config import FilterConfig
-from msckf.errors import InputError
 from msckf.filter import Filter
+from navcore.errors import InputError
 from navcore.imu import ImuSamples
 from navcore.odometry import Health
 from navcore.sequence import Frame, Sequence, Tracks

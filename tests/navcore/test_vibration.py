@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from eval.consistency import judge, nees
-from msckf.vibration import noise_under_vibration
 from navcore.imu import ImuNoise, ImuSamples
 from navcore.sequence import Sequence
+from navcore.vibration import noise_under_vibration
 from sim.points import simulate_points
 from tests.msckf.flights import fly
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from msckf.clock import stage
-from msckf.views import Rig
 from navcore.arrays import Floats, Image, Mask, Rotations, Stamps, among
+from navcore.calibration import CameraMount
+from navcore.clock import stage
 from navcore.errors import DataError
 from navcore.odometry import SKIPPED
 from navcore.sequence import Frame, Tracks
@@ -53,15 +53,15 @@ class Observations:
 class Frontend:
     """One tracker per camera, matchers of the first with each other, and the rotation since each last saw something."""
 
-    def __init__(self, rig: Rig, config: TrackerConfig) -> None:
-        self._rig = rig
+    def __init__(self, mounts: tuple[CameraMount, ...], config: TrackerConfig) -> None:
+        self._mounts = mounts
         numbers = Numbers()
-        self._trackers = [Tracker(mount.camera, config, numbers) for mount in rig.mounts]
-        first, *others = zip(rig.mounts, self._trackers, strict=True)
+        self._trackers = [Tracker(mount.camera, config, numbers) for mount in mounts]
+        first, *others = zip(mounts, self._trackers, strict=True)
         self._matchers = [StereoMatcher(*first, *other) for other in others]
-        self._since: list[Rotations | None] = [np.eye(3) for _ in rig.mounts]
+        self._since: list[Rotations | None] = [np.eye(3) for _ in mounts]
         self._max_skipped = config.max_skipped
-        self._skipped = [0 for _ in rig.mounts]
+        self._skipped = [0 for _ in mounts]
 
     def observe(self, frame: Frame, R_B1B0: Rotations | None, stages: dict[str, float]) -> Observations:
         """Observations of a frame.
@@ -103,7 +103,7 @@ class Frontend:
     def _image(self, frame: Frame, c: int) -> Image:
         if c not in frame.images:
             raise DataError("no image")
-        camera, image = self._rig.mounts[c].camera, frame.images[c].load()
+        camera, image = self._mounts[c].camera, frame.images[c].load()
         if image.shape != (camera.height, camera.width) or image.dtype != np.uint8:
             size = f"{image.shape[1]}x{image.shape[0]}" if image.ndim == 2 else f"of shape {image.shape}"
             raise DataError(f"image is {size} {image.dtype}, expected {camera.width}x{camera.height} uint8")
@@ -114,7 +114,7 @@ class Frontend:
 
         Cameras other than the first get its features, and own ones only where none of those are.
         """
-        tracker, R_BC, R_B1B0 = self._trackers[c], self._rig.mounts[c].R_BC, self._since[c]
+        tracker, R_BC, R_B1B0 = self._trackers[c], self._mounts[c].R_BC, self._since[c]
         if not tracker.follow(image, None if R_B1B0 is None else R_BC.T @ R_B1B0 @ R_BC):
             return False
         self._since[c] = np.eye(3)

@@ -5,17 +5,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from msckf.frontend import Frontend
-from msckf.views import Rig
 from navcore.calibration import CameraMount
 from navcore.camera import PinholeRadtan
 from navcore.errors import DataError
+from navcore.frontend import Frontend
 from navcore.odometry import SKIPPED
 from navcore.sequence import Frame, ImageArray, Tracks
 from navcore.tracker import Tracker, TrackerConfig
 from tests.msckf.scenes import EQUIDISTANT, RADTAN, mount
 
-TWO = Rig((mount(RADTAN), mount(EQUIDISTANT)))
+TWO = (mount(RADTAN), mount(EQUIDISTANT))
 
 
 class Broken:
@@ -60,7 +59,7 @@ def test_a_camera_without_a_usable_image_costs_its_own_features_only():
     "image", [np.zeros((480, 751), np.uint8), np.zeros((480, 752), np.uint16), np.zeros((4, 4, 3), np.uint8)]
 )
 def test_an_image_of_the_wrong_size_or_kind_is_refused_with_what_was_expected(image):
-    seen = Frontend(Rig((mount(RADTAN),)), TrackerConfig()).observe(Frame(0, {0: ImageArray(image)}), None, {})
+    seen = Frontend((mount(RADTAN),), TrackerConfig()).observe(Frame(0, {0: ImageArray(image)}), None, {})
     assert len(seen) == 0
     assert "expected 752x480 uint8" in seen.faults[0]
     assert str(image.dtype) in seen.faults[0]
@@ -70,11 +69,11 @@ def test_the_rotation_reaches_back_to_the_last_image_that_was_seen(monkeypatch):
     heard = []
     real = Tracker.follow
     monkeypatch.setattr(Tracker, "follow", lambda self, image, R: (heard.append(R), real(self, image, R))[1])
-    rig = Rig((mount(RADTAN),))
+    one = mount(RADTAN)
     image = ImageArray(np.random.default_rng(0).integers(0, 255, (480, 752)).astype(np.uint8))
-    front, stages = Frontend(rig, TrackerConfig()), {}
+    front, stages = Frontend((one,), TrackerConfig()), {}
     turns = [Rotation.from_rotvec([0.01 * k, 0.02, -0.01]).as_matrix() for k in range(1, 5)]
-    R_BC = rig.R_BC[0]
+    R_BC = one.R_BC
     for frame, turn in zip([{0: image}, {}, {0: Broken()}, {0: image}], turns, strict=True):
         front.observe(Frame(0, frame), turn, stages)
     assert len(heard) == 2
@@ -105,7 +104,7 @@ def rig(turned=None):
     second[0, 3] = 0.11
     if turned is not None:
         second[:3, :3] = Rotation.from_rotvec(turned).as_matrix()
-    return Rig((CameraMount(PLAIN, first, 0.0), CameraMount(PLAIN, second, 0.0)))
+    return CameraMount(PLAIN, first, 0.0), CameraMount(PLAIN, second, 0.0)
 
 
 def shared(seen):

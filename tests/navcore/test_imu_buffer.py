@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from msckf.errors import InputError
-from msckf.imu_buffer import Cells, ImuBuffer
+from navcore.errors import InputError
 from navcore.imu import ImuSamples
+from navcore.imu_buffer import Cells, ImuBuffer
 
 T0 = 1_700_000_000_000_000_000
 STEP = 5_000_000  # ns, 200 Hz

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from msckf.errors import InputError
 from navcore import so3
 from navcore.arrays import Floats, Stamps, Vectors
+from navcore.errors import InputError
 from navcore.imu import ImuSamples
 
 _GAP = 1.5  # sampling intervals from one stamp to the next that count as a gap
