@@ -1,7 +1,6 @@
 """The filter as its users see it: IMU samples and frames in, estimates out."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,20 +26,12 @@ from navcore.frontend import Frontend, Observations
 from navcore.imu import ImuNoise, ImuSamples
 from navcore.imu_buffer import Cells
 from navcore.inbox import Inbox
-from navcore.odometry import Estimate, Health, State
+from navcore.odometry import Estimate, Health, State, TimedState
 from navcore.prior import BiasPriorSource, load_prior
 from navcore.sequence import Frame, Tracks
 from navcore.vibration import WINDOW_S, noise_under_vibration
 
 _SAME_STATE = 0.999  # quantile of the chi-square test by which two states are the same
-
-
-@dataclass(frozen=True)
-class TimedState:
-    """A state that the filter is told to start from, at IMU time `t_ns`."""
-
-    t_ns: int
-    state: State
 
 
 class Filter:

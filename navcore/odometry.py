@@ -10,7 +10,7 @@ import numpy as np
 from navcore import so3
 from navcore.arrays import Floats, Mask, Rotations, Stamps, Vectors
 from navcore.imu import ImuSamples
-from navcore.sequence import Frame, Sequence
+from navcore.sequence import Frame, Sequence, Tracks
 from navcore.trajectory import Trajectory
 
 BLOCKS = ("dtheta", "dp", "dv", "db_g", "db_a")
@@ -47,6 +47,14 @@ class State:
     b_g: Vectors
     b_a: Vectors
     covariance: Floats
+
+
+@dataclass(frozen=True)
+class TimedState:
+    """A state that an estimator is told to start from, at IMU time `t_ns`."""
+
+    t_ns: int
+    state: State
 
 
 @dataclass(frozen=True)
@@ -87,6 +95,15 @@ class Odometry(Protocol):
 
     def finish(self) -> list[Estimate]:
         """No more input comes: estimates for the frames that can still be answered."""
+        ...
+
+
+class Following(Odometry, Protocol):
+    """An estimator that shows what it follows."""
+
+    @property
+    def tracks(self) -> Mapping[int, Tracks]:
+        """What each camera followed into the newest frame that was answered."""
         ...
 
 

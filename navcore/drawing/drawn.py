@@ -1,22 +1,11 @@
 """An estimator that is drawn while it runs."""
 
 from collections import deque
-from collections.abc import Mapping
-from typing import Protocol
 
 from navcore.drawing.canvas import Canvas
 from navcore.imu import ImuSamples
-from navcore.odometry import Estimate, Odometry
-from navcore.sequence import Frame, Tracks
-
-
-class Following(Odometry, Protocol):
-    """An estimator that shows what it follows."""
-
-    @property
-    def tracks(self) -> Mapping[int, Tracks]:
-        """What each camera followed into the newest frame that was answered."""
-        ...
+from navcore.odometry import Estimate, Following
+from navcore.sequence import Frame
 
 
 class Drawn:

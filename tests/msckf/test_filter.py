@@ -9,14 +9,14 @@ from scipy.spatial.transform import Rotation
 
 from msckf.blocks import POSITION
 from msckf.config import FilterConfig
-from msckf.filter import Filter, TimedState, make
+from msckf.filter import Filter, make
 from msckf.state import FilterState
 from msckf.window import VisualWindow
 from navcore import so3
 from navcore.calibration import Calibration
 from navcore.errors import ConfigError, InputError
 from navcore.imu import GRAVITY, ImuNoise, ImuSamples
-from navcore.odometry import SKIPPED, Health, State, run
+from navcore.odometry import SKIPPED, Health, State, TimedState, run
 from navcore.prior import load_prior
 from navcore.sequence import Frame, ImageArray, ImageFile, Sequence
 from sim.points import simulate_points
