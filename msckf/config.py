@@ -1,11 +1,11 @@
 """The filter's settings; units stand in the comments."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from navcore.errors import ConfigError
 from navcore.prior import PriorMode
+from navcore.settings import with_overrides
 from navcore.tracker import TrackerConfig
 
 StartMode = Literal["auto", "static", "moving", "truth"]
@@ -139,21 +139,4 @@ class FilterConfig:
         Raises:
             ConfigError: a name is unknown; the message lists the known ones.
         """
-        config: FilterConfig = self
-        for name, value in overrides.items():
-            config = _replaced(config, name, name.split("."), value)
-        return config
-
-
-def _replaced(config: Any, whole: str, path: list[str], value: Any) -> Any:
-    known = [f.name for f in fields(config)]
-    if path[0] not in known:
-        raise ConfigError(f"config key {whole!r} is unknown: {path[0]!r} is none of {', '.join(known)}")
-    old = getattr(config, path[0])
-    if len(path) > 1:
-        if not is_dataclass(old):
-            raise ConfigError(f"config key {whole!r} is unknown: {path[0]!r} has no parts")
-        return replace(config, **{path[0]: _replaced(old, whole, path[1:], value)})
-    if is_dataclass(old) or (type(value) is not type(old) and not (isinstance(old, float) and isinstance(value, int))):
-        raise ConfigError(f"config key {whole!r} takes {type(old).__name__}, got {value!r}")
-    return replace(config, **{path[0]: value})
+        return with_overrides(self, overrides)

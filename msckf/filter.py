@@ -9,9 +9,9 @@ from msckf.chi_square import chi_square_quantile
 from msckf.config import FilterConfig
 from msckf.estimated import Estimated
 from msckf.health import HealthMonitor, Verdict
-from msckf.prior_update import PriorState, PriorUpdate, StartingBias
+from msckf.prior_update import PriorUpdate, StartingBias
 from msckf.propagation import integrate
-from msckf.recovery import LastPose, Memory, continued, disagreement
+from msckf.recovery import Memory, disagreement
 from msckf.standstill import imu_is_quiet, standstill_update
 from msckf.starter import Starter
 from msckf.state import FilterState
@@ -26,8 +26,9 @@ from navcore.frontend import Frontend, Observations
 from navcore.imu import ImuNoise, ImuSamples
 from navcore.imu_buffer import Cells
 from navcore.inbox import Inbox
+from navcore.last_pose import LastPose, continued
 from navcore.odometry import Estimate, Health, State, TimedState
-from navcore.prior import BiasPriorSource, load_prior
+from navcore.prior import BiasPriorSource, PriorState, load_prior
 from navcore.sequence import Frame, Tracks
 from navcore.vibration import WINDOW_S, noise_under_vibration
 

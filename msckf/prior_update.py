@@ -1,6 +1,5 @@
 """The bias prior as a pseudo-measurement (docs/filter.md, section 7)."""
 
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +11,7 @@ from msckf.recovery import Learned
 from msckf.state import FilterState
 from navcore.arrays import Floats
 from navcore.imu import ImuNoise, ImuSamples
-from navcore.prior import BiasPrior, BiasPriorSource
+from navcore.prior import BiasPrior, BiasPriorSource, Paced, PriorState
 
 
 @dataclass(frozen=True)
@@ -31,23 +30,6 @@ class StartingBias:
     conditional: Floats | None = None
 
 
-@dataclass(frozen=True)
-class PriorState:
-    """What a filter knows of its bias prior.
-
-    Attributes:
-        applied: measurements that were applied.
-        nis: normalised innovation squared of the last of them, before weighting; six are expected. None without one.
-        c: (6,) the prior's constant error, of b_g [rad/s] and b_a [m/s^2]; covariance: (6, 6) of it; None where it is
-            not estimated.
-    """
-
-    applied: int
-    nis: float | None
-    c: Floats | None = None
-    covariance: Floats | None = None
-
-
 class PriorUpdate:
     """Feeds the measurements of one source to the filter.
 
@@ -60,7 +42,7 @@ class PriorUpdate:
         self.source = source
         self.config = config
         self._noise = noise
-        self._waiting: deque[ImuSamples] = deque()
+        self._paced = Paced(source)
         self._last_ns: int | None = None
         self._surprises = 0
         self._before_start: list[BiasPrior] = []
@@ -75,14 +57,14 @@ class PriorUpdate:
 
     def add_imu(self, samples: ImuSamples) -> None:
         """Take samples, in time order; the source gets them when the filter is there."""
-        self._waiting.append(samples)
+        self._paced.add_imu(samples)
 
     def starting_bias(self, config: StartConfig, t_ns: int, learned: Learned | None = None) -> StartingBias:
         """Device knowledge, or what was learned before a loss, joined by Bayes' rule with the measurements since."""
         sigma = np.repeat([config.gyro_bias_sigma, config.accel_bias_sigma], 3)
         wide = BiasPrior(t_ns, np.zeros(3), np.zeros(3), np.diag(sigma**2))
         device = self.source.device() or wide
-        self._before_start += self._thinned(self._said(t_ns))
+        self._before_start += self._thinned(self._paced.said(t_ns))
         constant = self.source.constant_covariance if self.models_error else np.zeros((6, 6))
         mean = np.concatenate([device.vector, np.zeros(6)])
         b, c = slice(0, 6), slice(6, 12)  # biases, and the error of the prior
@@ -120,7 +102,7 @@ class PriorUpdate:
         """Apply what the source has to say by IMU time `t_ns`; returns findings for `Health`."""
         findings: tuple[str, ...] = ()
         self.nis = None
-        for z in self._thinned(self._said(t_ns)):
+        for z in self._thinned(self._paced.said(t_ns)):
             self.applied += 1
             if self.config.mode == "plain":
                 self._plain(state, z)
@@ -141,21 +123,8 @@ class PriorUpdate:
         if state is None or state.c is None:
             return PriorState(self.applied, self._last_nis)
         covariance = state.covariance[state.prior_error, state.prior_error]
-        return PriorState(self.applied, self._last_nis, state.c.copy(), covariance.copy())
-
-    def _said(self, t_ns: int) -> list[BiasPrior]:
-        """What the source says of the samples up to `t_ns`, however far ahead of the frames they came."""
-        while self._waiting:
-            samples = self._waiting.popleft()
-            upto = int(np.searchsorted(samples.t_ns, t_ns, side="right"))
-            if upto == len(samples):
-                self.source.add_imu(samples)
-                continue
-            if upto:
-                self.source.add_imu(samples[:upto])
-            self._waiting.appendleft(samples[upto:])
-            break
-        return self.source.poll(t_ns)
+        with_biases = state.covariance[state.prior_error, BIASES]
+        return PriorState(self.applied, self._last_nis, state.c.copy(), covariance.copy(), with_biases.copy())
 
     def _thinned(self, measurements: list[BiasPrior]) -> list[BiasPrior]:
         """In the modelled mode, at most one measurement per window."""

@@ -1,25 +1,21 @@
-"""What outlives a loss: the pose that was given out last, and what was learned (docs/filter.md, section 8)."""
+"""What outlives a loss: what was learned of the sensors; and whether two states are the same (docs/filter.md, 8)."""
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from msckf.blocks import BIASES, POSITION, THETA, VELOCITY
+from msckf.blocks import BIASES, THETA, VELOCITY
 from msckf.config import CalibrationConfig
 from msckf.estimated import Estimated
-from msckf.propagation import integrate
 from msckf.state import FilterState
 from msckf.views import Rig
 from navcore import so3
-from navcore.arrays import Floats, Rotations, Vectors
-from navcore.imu import ImuNoise
-from navcore.imu_buffer import Cells
+from navcore.arrays import Floats
 from navcore.odometry import State
 
 _DOUBT = 2.0  # factor on the standard deviations of what was learned
 _SPACING_S = 2.0  # between two times at which it is remembered
-_UNSEEN_RATE = 0.5  # rad/s, standard deviation of the yaw rate where no sample covers it
 _e_z = np.array([0.0, 0.0, 1.0])
 
 
@@ -75,74 +71,6 @@ class Memory:
     def learned(self) -> Learned | None:
         """What is to be believed after a loss."""
         return self._kept[0] if self._kept else None
-
-
-@dataclass(frozen=True)
-class LastPose:
-    """The pose that was given out last, turned since by what the gyro says.
-
-    Attributes:
-        t_ns: up to when; since_ns: when it was given out. IMU time.
-        R_WB, p_WB: (3, 3), (3,) m.
-        speed: m/s, then.
-        yaw_variance: rad^2; position_covariance: (3, 3) m^2, without what the body has moved since.
-    """
-
-    t_ns: int
-    since_ns: int
-    R_WB: Rotations
-    p_WB: Vectors
-    speed: float
-    yaw_variance: float
-    position_covariance: Floats
-
-    @staticmethod
-    def of(state: State, t_ns: int) -> "LastPose":
-        """Of an estimate."""
-        up = state.R_WB.T @ _e_z  # in B
-        yaw_variance = float(up @ state.covariance[THETA, THETA] @ up)
-        speed = float(np.linalg.norm(state.v_WB))
-        P = state.covariance[POSITION, POSITION]
-        return LastPose(t_ns, t_ns, state.R_WB, state.p_WB, speed, yaw_variance, P)
-
-    def turned(self, t_ns: int, cells: Cells, b_g: Vectors, noise: ImuNoise) -> "LastPose":
-        """The pose turned through the cells up to IMU time `t_ns`; where no sample covers them it is left as it is."""
-        if len(cells.dt) == 0:
-            return self
-        covered = cells.bridged == 0.0
-        kept = Cells(cells.dt[covered], cells.gyro[covered], cells.accel[covered], cells.bridged[covered])
-        increment = integrate(kept, b_g, np.zeros(3), noise)
-        unseen_s = float(cells.dt[~covered].sum())
-        return replace(
-            self,
-            t_ns=t_ns,
-            R_WB=so3.normalise(self.R_WB @ increment.delta_R),
-            yaw_variance=self.yaw_variance + float(increment.Q[0, 0]) + (_UNSEEN_RATE * unseen_s) ** 2,
-        )
-
-
-def continued(state: State, last: LastPose, max_speed: float) -> State:
-    """A new start at IMU time `last.t_ns`, turned and moved so that heading and position go on from the last pose.
-
-    The start knows position and yaw exactly, as its own origin. In the world of the last pose they are known as that
-    was, plus what the body may have moved since: nobody watched, but no farther than its speed could carry it.
-    """
-    turn = so3.exp(np.array([0.0, 0.0, _heading(last.R_WB) - _heading(state.R_WB)]))
-    T = np.eye(15)
-    T[POSITION, POSITION] = T[VELOCITY, VELOCITY] = turn
-    R_WB, v_WB = turn @ state.R_WB, turn @ state.v_WB
-    P = T @ state.covariance @ T.T
-    by_yaw = np.zeros(15)
-    by_yaw[THETA], by_yaw[VELOCITY] = R_WB.T @ _e_z, np.cross(_e_z, v_WB)
-    P += last.yaw_variance * np.outer(by_yaw, by_yaw)
-    speed = max(min(last.speed, max_speed), float(np.linalg.norm(v_WB)))
-    moved = speed * (last.t_ns - last.since_ns) * 1e-9
-    P[POSITION, POSITION] += last.position_covariance + moved**2 * np.eye(3)
-    return replace(state, R_WB=R_WB, p_WB=last.p_WB.copy(), v_WB=v_WB, covariance=P)
-
-
-def _heading(R_WB: Rotations) -> float:
-    return float(np.arctan2(R_WB[1, 0], R_WB[0, 0]))
 
 
 def disagreement(state: State, other: State) -> float:

@@ -7,6 +7,7 @@ the group `navcore.bias_priors`.
 """
 
 import re
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
@@ -55,6 +56,25 @@ class BiasPrior:
         return np.concatenate([self.b_g, self.b_a])
 
 
+@dataclass(frozen=True)
+class PriorState:
+    """What an estimator knows of its bias prior.
+
+    Attributes:
+        applied: measurements that were applied.
+        nis: normalised innovation squared of the last of them, before weighting; six are expected. None without one.
+        c: (6,) the prior's constant error, of b_g [rad/s] and b_a [m/s^2]; covariance: (6, 6) of it; None where it is
+            not estimated.
+        with_biases: (6, 6) covariance of c (rows) with the biases (columns), likewise.
+    """
+
+    applied: int
+    nis: float | None
+    c: Floats | None = None
+    covariance: Floats | None = None
+    with_biases: Floats | None = None
+
+
 class BiasPriorSource(Protocol):
     """Where priors come from. Causal: `poll` may use only the samples that were added."""
 
@@ -76,6 +96,41 @@ class BiasPriorSource(Protocol):
     def poll(self, t_ns: int) -> list[BiasPrior]:
         """The measurements that became available up to IMU time `t_ns`, each given once, in time order."""
         ...
+
+
+class Paced:
+    """A source that gets its samples when the frames come to them, however far ahead they are fed."""
+
+    def __init__(self, source: BiasPriorSource) -> None:
+        self.source = source
+        self._waiting: deque[ImuSamples] = deque()
+
+    def add_imu(self, samples: ImuSamples) -> None:
+        """Take samples, in time order."""
+        self._waiting.append(samples)
+
+    def said(self, t_ns: int) -> list[BiasPrior]:
+        """What the source says of the samples up to `t_ns`."""
+        for samples in self.taken(t_ns):
+            self.source.add_imu(samples)
+        return self.source.poll(t_ns)
+
+    def taken(self, t_ns: int) -> list[ImuSamples]:
+        """The samples up to `t_ns`, which wait no longer."""
+        out = []
+        while self._waiting:
+            samples = self._waiting.popleft()
+            upto = int(np.searchsorted(samples.t_ns, t_ns, side="right"))
+            if upto:
+                out.append(samples[:upto])
+            if upto < len(samples):
+                self._waiting.appendleft(samples[upto:])
+                break
+        return out
+
+    def waiting(self) -> tuple[ImuSamples, ...]:
+        """The samples that the source has not got yet."""
+        return tuple(self._waiting)
 
 
 PriorFactory = Callable[[str, Sequence | None], BiasPriorSource]

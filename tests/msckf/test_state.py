@@ -13,10 +13,10 @@ from msckf.config import CalibrationConfig
 from msckf.estimated import Estimated
 from msckf.landmarks import Landmarks
 from msckf.propagation import integrate, noise_in_world, predict, transition
-from msckf.recovery import LastPose, continued
 from msckf.state import FilterState, _bordered
 from navcore.imu import ImuNoise
 from navcore.imu_buffer import Cells
+from navcore.last_pose import LastPose, continued
 from tests.msckf.scenes import ONE, STEREO, filter_state, start_state
 
 OMEGA = np.array([0.3, -0.5, 0.8])

@@ -1,0 +1,58 @@
+"""Samples since the last keyframe, preintegrated by GTSAM."""
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B, V, X
+
+from navcore.arrays import Rotations
+from navcore.imu import GRAVITY, ImuNoise
+from navcore.imu_buffer import Cells
+
+_GAP_GYRO_DENSITY = 0.1  # rad/s/sqrt(Hz), where no sample covers the time
+_GAP_ACCEL_DENSITY = 0.5  # m/s^2/sqrt(Hz)
+_INTEGRATION = 1e-8  # m^2/s, of positions: keeps the covariance of a short stretch regular
+
+
+class Inertia:
+    """What the IMU says since a keyframe (Forster et al. 2017; GTSAM's combined factor).
+
+    Args:
+        noise: of the IMU; what its biases walk is the same all the time.
+    """
+
+    def __init__(self, noise: ImuNoise) -> None:
+        self._params = gtsam.PreintegrationCombinedParams.MakeSharedU(GRAVITY)
+        self._params.setIntegrationCovariance(_INTEGRATION * np.eye(3))
+        self._params.setBiasAccCovariance(noise.accelerometer_random_walk**2 * np.eye(3))
+        self._params.setBiasOmegaCovariance(noise.gyroscope_random_walk**2 * np.eye(3))
+        self.begin(gtsam.imuBias.ConstantBias())
+
+    def begin(self, bias: gtsam.imuBias.ConstantBias) -> None:
+        """At a keyframe; samples are integrated at this bias."""
+        self._measured = gtsam.PreintegratedCombinedMeasurements(self._params, bias)
+
+    @property
+    def seconds(self) -> float:
+        """Since the keyframe."""
+        return float(self._measured.deltaTij())
+
+    def extend(self, cells: Cells, noise: ImuNoise) -> Rotations:
+        """Integrate cells under this noise; returns the rotation of their end from their start."""
+        before = np.asarray(self._measured.deltaRij().matrix())
+        for dt, gyro, accel, bridged in zip(cells.dt, cells.gyro, cells.accel, cells.bridged, strict=True):
+            uncovered = bridged / dt
+            gyro_density = noise.gyroscope_noise_density**2 + uncovered * _GAP_GYRO_DENSITY**2
+            accel_density = noise.accelerometer_noise_density**2 + uncovered * _GAP_ACCEL_DENSITY**2
+            self._params.setGyroscopeCovariance(gyro_density * np.eye(3))
+            self._params.setAccelerometerCovariance(accel_density * np.eye(3))
+            self._measured.integrateMeasurement(accel, gyro, dt)
+        return np.asarray(self._measured.deltaRij().matrix()).T @ before
+
+    def predict(self, values: gtsam.Values, k: int) -> gtsam.NavState:
+        """The state now, from that of keyframe `k`."""
+        then = gtsam.NavState(values.atPose3(X(k)), values.atVector(V(k)))
+        return self._measured.predict(then, values.atConstantBias(B(k)))
+
+    def factor(self, k: int, n: int) -> gtsam.CombinedImuFactor:
+        """Between keyframe `k` and frame `n`, which is now."""
+        return gtsam.CombinedImuFactor(X(k), V(k), X(n), V(n), B(k), B(n), self._measured)

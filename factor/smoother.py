@@ -1,0 +1,254 @@
+"""The smoother as its users see it: IMU samples and frames in, causal estimates out."""
+
+from collections.abc import Callable, Mapping
+from importlib.metadata import entry_points
+from typing import Any, Protocol
+
+import numpy as np
+
+from factor.bias_prior import PriorError
+from factor.config import SmootherConfig
+from factor.window import Window
+from navcore.calibration import Calibration
+from navcore.clock import stage
+from navcore.errors import ConfigError
+from navcore.frontend import Frontend, Observations
+from navcore.imu import ImuSamples
+from navcore.inbox import Inbox
+from navcore.last_pose import LastPose, continued
+from navcore.odometry import Estimate, Following, Health, State, TimedState
+from navcore.prior import BiasPriorSource, Paced, PriorState, load_prior
+from navcore.sequence import Frame, Tracks
+from navcore.vibration import WINDOW_S, noise_under_vibration
+
+GROUP = "navcore.odometry"
+_VELOCITY, _BIASES = slice(6, 9), slice(9, 15)
+
+
+class Starter(Following, Protocol):
+    """An estimator that finds the first state, with what it knows of its bias prior by then."""
+
+    @property
+    def prior(self) -> PriorState:
+        """What it knows of its bias prior."""
+        ...
+
+
+StarterFactory = Callable[[Calibration, BiasPriorSource, Mapping[str, Any], TimedState | None], Starter]
+
+
+class Smoother:
+    """Fixed-lag smoothing over keyframes. Implements `navcore.odometry.Odometry`.
+
+    It begins with the first state of another estimator, which is done then: at the beginning and after a loss.
+
+    Args:
+        calibration: of the rig.
+        config: settings.
+        prior: where bias priors come from; None is the source `none`.
+        start: a state to start from, instead of finding one.
+
+    Raises:
+        ConfigError: the rig has fewer cameras than the config asks for, or there is no such starter.
+    """
+
+    def __init__(
+        self,
+        calibration: Calibration,
+        config: SmootherConfig | None = None,
+        prior: BiasPriorSource | None = None,
+        start: TimedState | None = None,
+    ) -> None:
+        self.config = config or SmootherConfig()
+        self.calibration = calibration
+        if not 1 <= self.config.cameras <= len(calibration.cameras):
+            raise ConfigError(f"{self.config.cameras} cameras asked for, the rig has {len(calibration.cameras)}")
+        self._mounts = calibration.cameras[: self.config.cameras]
+        health = self.config.health
+        self._inbox = Inbox(calibration.imu.rate_hz, health.max_ahead_s, health.max_imu_gap_s)
+        self._offset_ns = round(self._mounts[0].dt_cam_imu * 1e9)
+        self._frontend = Frontend(self._mounts, self.config.tracker)
+        self._observations: Observations | None = None
+        self._prior = Paced(prior or load_prior("none"))
+        self._new_starter = _starter(self.config.starter)
+        self._window: Window | None = None
+        self._last: LastPose | None = None
+        self._begin_anew(start)
+
+    def _begin_anew(self, start: TimedState | None = None) -> None:
+        self._window = None
+        self._t_ns: int | None = None
+        self._vision_ns = 0
+        prior = self.config.prior
+        overrides = {"cameras": self.config.cameras, "prior.mode": prior.mode, "prior.weight": prior.weight}
+        self._starter = self._new_starter(self.calibration, self._prior.source, overrides, start)
+        for samples in self._prior.waiting():
+            self._starter.add_imu(samples)
+
+    # -- what it knows, to look at ---------------------------------------------------------------------------------
+
+    @property
+    def tracks(self) -> Mapping[int, Tracks]:
+        """What each camera followed into the newest frame that was answered, by camera index."""
+        return {} if self._observations is None else self._observations.tracks()
+
+    # -- input -----------------------------------------------------------------------------------------------------
+
+    def add_imu(self, samples: ImuSamples) -> list[Estimate]:
+        """Take samples that follow all earlier ones in time; returns the estimates that they complete.
+
+        Raises:
+            InputError: they do not follow; the smoother is as it was.
+        """
+        self._inbox.add_imu(samples)
+        self._prior.add_imu(samples)
+        if self._window is None:
+            self._starter.add_imu(samples)
+        return self._answer(final=False)
+
+    def add_frame(self, frame: Frame) -> list[Estimate]:
+        """Take the next frame; its estimate comes when the IMU covers it.
+
+        Raises:
+            InputError: the frame cannot follow, as `navcore.inbox.Inbox` says; the smoother is as it was.
+        """
+        self._inbox.add_frame(frame)
+        return self._answer(final=False)
+
+    def finish(self) -> list[Estimate]:
+        """No more input comes: estimates for the frames that were still waiting for the IMU."""
+        return self._answer(final=True)
+
+    def _answer(self, *, final: bool) -> list[Estimate]:
+        estimates = []
+        while (due := self._inbox.next(self._offset_ns, final=final)) is not None:
+            if not due.covered:
+                estimates.append(Estimate(due.t_ns, Health.LOST, ("no IMU up to this frame",)))
+            elif self._window is None:
+                estimates.append(self._start(due.frame, due.t_ns))
+            else:
+                estimates.append(self._follow(self._window, due.frame, due.t_ns))
+        return estimates
+
+    # -- one frame -------------------------------------------------------------------------------------------------
+
+    def _start(self, frame: Frame, t_ns: int) -> Estimate:
+        """Let the starter have the frame; if it knows where it is, go on from there."""
+        stages: dict[str, float] = {}
+        observations = self._observations = self._frontend.observe(frame, None, stages)
+        if self._last is not None:
+            cells = self._inbox.buffer.cells(self._last.t_ns, t_ns)
+            self._last = self._last.turned(t_ns, cells, self._last_b_g, self.calibration.imu)
+        with stage(stages, "start"):
+            (found,) = self._starter.add_frame(frame)
+        self._prior.taken(t_ns)  # the starter has handed them to the source
+        self._inbox.buffer.drop_before(t_ns - round(1e9 * WINDOW_S))
+        state = found.state
+        if state is None:
+            health = found.health if self._last is None else Health.LOST
+            return Estimate(t_ns, health, found.reasons, None, found.tracked, 0, stages)
+        if self._last is not None:
+            state = continued(state, self._last, self.config.health.max_speed)
+        error = _error(self._starter.prior, state) if self.config.prior.mode == "modelled" else None
+        c = self.config
+        self._window = Window(self._mounts, self.calibration.imu, c.window, c.prior, state, error, observations)
+        self._note(state, t_ns)
+        self._vision_ns = t_ns
+        return Estimate(t_ns, Health.TRACKING, ("started",), state, len(observations), 0, stages)
+
+    def _follow(self, window: Window, frame: Frame, t_ns: int) -> Estimate:
+        assert self._t_ns is not None
+        stages: dict[str, float] = {}
+        c = self.config.health
+        with stage(stages, "integrate"):
+            cells = self._inbox.buffer.cells(self._t_ns, t_ns)
+            samples = self._inbox.buffer.samples(t_ns - round(1e9 * WINDOW_S), t_ns)
+            R_B1B0 = window.integrate(cells, noise_under_vibration(self.calibration.imu, *samples))
+        gap_s = float(cells.bridged.sum())
+        observations = self._observations = self._frontend.observe(frame, R_B1B0, stages)
+        if gap_s > c.lost_imu_gap_s:
+            return self._lose(t_ns, f"IMU gap of {gap_s:.2f} s cannot be bridged", stages)
+        try:
+            with stage(stages, "prior"):
+                said = self._prior.said(t_ns)
+            with stage(stages, "solve"):
+                outcome = window.advance(observations, said, t_ns)
+        except (RuntimeError, np.linalg.LinAlgError) as error:  # GTSAM says so of what is not determined
+            return self._lose(t_ns, f"numerical failure ({str(error).strip().splitlines()[0]})", stages)
+        self._inbox.buffer.drop_before(t_ns - round(1e9 * WINDOW_S))
+        state = outcome.state
+        lost = self._absurd(state)
+        if lost:
+            return self._lose(t_ns, lost, stages)
+        reasons = list(observations.faults)
+        if gap_s > c.max_imu_gap_s:
+            reasons.insert(0, f"IMU gap of {gap_s:.3f} s")
+        if outcome.refused > outcome.used:
+            reasons.append(f"{outcome.refused} features refused")
+        if outcome.used >= c.min_used and len(observations):
+            self._vision_ns = t_ns
+        blind_s = (t_ns - self._vision_ns) * 1e-9
+        health = Health.TRACKING
+        if blind_s > c.blind_s:
+            health = Health.INERTIAL_ONLY
+            reasons.append(f"no visual correction for {blind_s:.1f} s")
+        self._note(state, t_ns)
+        return Estimate(t_ns, health, tuple(reasons), state, len(observations), outcome.used, stages)
+
+    def _note(self, state: State, t_ns: int) -> None:
+        self._t_ns = t_ns
+        self._last, self._last_b_g = LastPose.of(state, t_ns), state.b_g
+
+    def _absurd(self, state: State) -> str:
+        """Why a state is not to be trusted at all, or nothing."""
+        c = self.config.health
+        if not (np.isfinite(state.covariance).all() and np.isfinite(state.p_WB).all()):
+            return "state is not finite"
+        variance = np.diagonal(state.covariance)
+        if variance.min() < 0.0:
+            return "a variance is negative"
+        speed = float(np.linalg.norm(state.v_WB))
+        if speed > c.max_speed:
+            return f"speed {speed:.1f} m/s is past {c.max_speed:.1f}"
+        sigma = float(np.sqrt(variance[_VELOCITY].max()))
+        return f"velocity is known to {sigma:.1f} m/s only" if sigma > c.max_velocity_sigma else ""
+
+    def _lose(self, t_ns: int, why: str, stages: dict[str, float]) -> Estimate:
+        tracked = 0 if self._observations is None else len(self._observations)
+        self._prior.said(t_ns)
+        self._begin_anew()
+        return Estimate(t_ns, Health.LOST, (why,), None, tracked, 0, stages)
+
+
+def _error(known: PriorState, state: State) -> PriorError | None:
+    """What a starter knows of the prior's constant error, by what follows the biases and what does not."""
+    if known.c is None or known.covariance is None or known.with_biases is None:
+        return None
+    gain = np.linalg.solve(state.covariance[_BIASES, _BIASES], known.with_biases.T).T
+    rest = known.covariance - gain @ known.with_biases.T
+    return PriorError(known.c, gain, 0.5 * (rest + rest.T))
+
+
+def _starter(name: str) -> StarterFactory:
+    """The factory of an estimator by its name.
+
+    Raises:
+        ConfigError: it is unknown; the message lists the known ones.
+    """
+    known = {entry.name: entry for entry in entry_points(group=GROUP)}
+    if name not in known:
+        raise ConfigError(f"starter {name!r} is unknown; known are {', '.join(sorted(known))}")
+    factory: Callable[[Calibration, BiasPriorSource, Mapping[str, Any], TimedState | None], Starter] = known[
+        name
+    ].load()
+    return factory
+
+
+def make(
+    calibration: Calibration,
+    prior: BiasPriorSource,
+    overrides: Mapping[str, Any],
+    start: TimedState | None = None,
+) -> Smoother:
+    """Entry point `navcore.odometry: factor`: settings are `overrides` of the defaults by dotted name."""
+    return Smoother(calibration, SmootherConfig().with_overrides(overrides), prior, start)
