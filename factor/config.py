@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from navcore.prior import PriorMode
 from navcore.settings import with_overrides
+from navcore.stillness import StillnessConfig
 from navcore.tracker import TrackerConfig
 
 Preintegration = Literal["estimate", "prior"]
@@ -18,12 +19,16 @@ class WindowConfig:
     keyframes: int = 10  # in the window, the newest frame not counted
     pixel_noise: float = 1.0  # px, standard deviation of a feature's position in one image
     min_views: int = 3  # that a feature needs to be used
+    min_depth: float = 0.2  # m, a point closer to the body is none
+    max_depth: float = 100.0  # m
     max_misfit: float = 3.0  # px, mean distance from where it should be seen, past which a feature is refused
     disparity: float = 10.0  # px, motion of the view since the last keyframe, rotation taken out, that makes one
     common: float = 0.6  # of the last keyframe's features, if fewer are followed the frame becomes one
-    longest_s: float = 1.0  # s between keyframes where nothing is seen
+    longest_s: float = 1.0  # s between keyframes
     iterations: int = 4  # of Gauss-Newton at a frame, at most
     settled: float = 1e-3  # norm of a step that ends them
+    rest_sigma: float = 5e-3  # m/s, of a body that stands still
+    same_sigma: float = 5e-4  # rad, m, likewise
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,7 @@ class SmootherConfig:
     window: WindowConfig = field(default_factory=WindowConfig)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     prior: PriorConfig = field(default_factory=PriorConfig)
+    stillness: StillnessConfig = field(default_factory=StillnessConfig)
     health: HealthConfig = field(default_factory=HealthConfig)
     cameras: int = 1  # how many of the rig's cameras are used
     starter: str = "msckf"  # the estimator whose first state it begins with

@@ -4,7 +4,6 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
-from navcore.arrays import Rotations
 from navcore.imu import GRAVITY, ImuNoise
 from navcore.imu_buffer import Cells
 
@@ -36,9 +35,11 @@ class Inertia:
         """Since the keyframe."""
         return float(self._measured.deltaTij())
 
-    def extend(self, cells: Cells, noise: ImuNoise) -> Rotations:
-        """Integrate cells under this noise; returns the rotation of their end from their start."""
-        before = np.asarray(self._measured.deltaRij().matrix())
+    def extend(
+        self, cells: Cells, noise: ImuNoise, state: gtsam.NavState, bias: gtsam.imuBias.ConstantBias
+    ) -> gtsam.NavState:
+        """Integrate cells under this noise; returns where they lead from a state, at this bias."""
+        step = gtsam.PreintegratedCombinedMeasurements(self._params, bias)
         for dt, gyro, accel, bridged in zip(cells.dt, cells.gyro, cells.accel, cells.bridged, strict=True):
             uncovered = bridged / dt
             gyro_density = noise.gyroscope_noise_density**2 + uncovered * _GAP_GYRO_DENSITY**2
@@ -46,12 +47,8 @@ class Inertia:
             self._params.setGyroscopeCovariance(gyro_density * np.eye(3))
             self._params.setAccelerometerCovariance(accel_density * np.eye(3))
             self._measured.integrateMeasurement(accel, gyro, dt)
-        return np.asarray(self._measured.deltaRij().matrix()).T @ before
-
-    def predict(self, values: gtsam.Values, k: int) -> gtsam.NavState:
-        """The state now, from that of keyframe `k`."""
-        then = gtsam.NavState(values.atPose3(X(k)), values.atVector(V(k)))
-        return self._measured.predict(then, values.atConstantBias(B(k)))
+            step.integrateMeasurement(accel, gyro, dt)
+        return step.predict(state, bias)
 
     def factor(self, k: int, n: int) -> gtsam.CombinedImuFactor:
         """Between keyframe `k` and frame `n`, which is now."""

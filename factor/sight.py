@@ -16,7 +16,11 @@ from navcore.arrays import Floats, Rotations, Stamps
 from navcore.calibration import CameraMount
 from navcore.frontend import Observations
 
-_RANK_TOLERANCE = 1e-3  # of triangulation, below which a feature has no parallax
+_RANK_TOLERANCE = 1e-1  # of triangulation, below which a feature has no parallax
+
+
+Sight = gtsam.SmartProjectionRigFactorPinholePoseCal3_S2
+"""The factor of one feature."""
 
 
 def _sides() -> Rotations:
@@ -73,9 +77,9 @@ class Sides:
         sides = observations.cameras * len(self._R_CS) + side
         return Seen(observations.keys, sides, points, directions, observations.cameras == 0)
 
-    def factor(self, views: Iterable[tuple[int, int, Floats]]) -> gtsam.SmartProjectionRigFactorPinholePoseCal3_S2:
+    def factor(self, views: Iterable[tuple[int, int, Floats]]) -> Sight:
         """Of a feature that was seen from frames k through sides s at points p: (k, s, p) each."""
         frames, sides, points = zip(*views, strict=True)
-        factor = gtsam.SmartProjectionRigFactorPinholePoseCal3_S2(self._noise, self._rig, self._params)
+        factor = Sight(self._noise, self._rig, self._params)
         factor.add(points, [X(k) for k in frames], sides)
         return factor

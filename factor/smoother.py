@@ -9,6 +9,7 @@ import numpy as np
 from factor.bias_prior import PriorError
 from factor.config import SmootherConfig
 from factor.window import Window
+from navcore.arrays import Stamps
 from navcore.calibration import Calibration
 from navcore.clock import stage
 from navcore.errors import ConfigError
@@ -19,6 +20,7 @@ from navcore.last_pose import LastPose, continued
 from navcore.odometry import Estimate, Following, Health, State, TimedState
 from navcore.prior import BiasPriorSource, Paced, PriorState, load_prior
 from navcore.sequence import Frame, Tracks
+from navcore.stillness import image_motion, imu_is_quiet
 from navcore.vibration import WINDOW_S, noise_under_vibration
 
 GROUP = "navcore.odometry"
@@ -79,6 +81,7 @@ class Smoother:
         self._window = None
         self._t_ns: int | None = None
         self._vision_ns = 0
+        self._still_since: Observations | None = None
         prior = self.config.prior
         overrides = {"cameras": self.config.cameras, "prior.mode": prior.mode, "prior.weight": prior.weight}
         self._starter = self._new_starter(self.calibration, self._prior.source, overrides, start)
@@ -172,15 +175,18 @@ class Smoother:
             with stage(stages, "prior"):
                 said = self._prior.said(t_ns)
             with stage(stages, "solve"):
-                outcome = window.advance(observations, said, t_ns)
+                still = self._stands_still(observations, t_ns)
+                outcome = window.advance(observations, said, t_ns, still=still)
         except (RuntimeError, np.linalg.LinAlgError) as error:  # GTSAM says so of what is not determined
             return self._lose(t_ns, f"numerical failure ({str(error).strip().splitlines()[0]})", stages)
-        self._inbox.buffer.drop_before(t_ns - round(1e9 * WINDOW_S))
+        self._inbox.buffer.drop_before(t_ns - round(1e9 * max(WINDOW_S, self.config.stillness.window_s)))
         state = outcome.state
         lost = self._absurd(state)
         if lost:
             return self._lose(t_ns, lost, stages)
         reasons = list(observations.faults)
+        if still:
+            reasons.append("standing still")
         if gap_s > c.max_imu_gap_s:
             reasons.insert(0, f"IMU gap of {gap_s:.3f} s")
         if outcome.refused > outcome.used:
@@ -194,6 +200,20 @@ class Smoother:
             reasons.append(f"no visual correction for {blind_s:.1f} s")
         self._note(state, t_ns)
         return Estimate(t_ns, health, tuple(reasons), state, len(observations), outcome.used, stages)
+
+    def _stands_still(self, observations: Observations, t_ns: int) -> bool:
+        """Whether IMU and images say so; the image is compared with the one where it began."""
+        c, before = self.config.stillness, self._still_since
+        if not (c.enabled and len(observations) and imu_is_quiet(self._inbox.buffer, t_ns, c)):
+            self._still_since = None
+            return False
+        if before is not None:
+            _, rows, columns = np.intersect1d(_marks(before), _marks(observations), return_indices=True)
+            moved = image_motion(before.uv[rows], observations.uv[columns])
+            if moved is not None and moved < c.max_disparity:
+                return True
+        self._still_since = observations
+        return False
 
     def _note(self, state: State, t_ns: int) -> None:
         self._t_ns = t_ns
@@ -218,6 +238,11 @@ class Smoother:
         self._prior.said(t_ns)
         self._begin_anew()
         return Estimate(t_ns, Health.LOST, (why,), None, tracked, 0, stages)
+
+
+def _marks(observations: Observations) -> Stamps:
+    """(N,) a number for each feature in each camera."""
+    return observations.keys * 64 + observations.cameras
 
 
 def _error(known: PriorState, state: State) -> PriorError | None:

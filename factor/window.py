@@ -10,7 +10,7 @@ from factor.bias_prior import BiasFactors, PriorError
 from factor.border import error_from_gtsam, insert, state_of
 from factor.config import PriorConfig, WindowConfig
 from factor.inertia import Inertia
-from factor.sight import Seen, Sides
+from factor.sight import Seen, Sides, Sight
 from navcore.arrays import Floats, Rotations, Vectors
 from navcore.calibration import CameraMount
 from navcore.frontend import Observations
@@ -34,10 +34,11 @@ class Outcome:
 
 @dataclass
 class _Keyframe:
-    """A keyframe: its number, and directions (3,) in B by feature, through the first camera."""
+    """A keyframe: its number, directions (3,) in B by feature through the first camera, whether it stood still."""
 
     k: int
     directions: dict[int, Vectors]
+    still: bool
 
 
 class Window:
@@ -71,10 +72,16 @@ class Window:
         insert(self._values, 0, state)
         self._before = _told(self._values, state)
         self.biases.begin(self._values, self._before)
-        self._between: dict[int, gtsam.CombinedImuFactor] = {}  # by the later keyframe
+        self._between: dict[int, gtsam.NonlinearFactorGraph] = {}  # what the IMU says up to a keyframe
         self._views: dict[int, list[tuple[int, int, Floats]]] = {}  # by feature: keyframe, side, px from its axis
         self._keyframes: list[_Keyframe] = []
-        self._keep(0, self._sides.see(observations))
+        self._note(0)
+        self._keep(0, self._sides.see(observations), still=False)
+
+    def _note(self, n: int) -> None:
+        """Frame `n` is the newest: from there the next one is predicted."""
+        self._state = gtsam.NavState(self._values.atPose3(X(n)), self._values.atVector(V(n)))
+        self._bias = self._values.atConstantBias(B(n))
 
     @property
     def newest(self) -> int:
@@ -83,15 +90,18 @@ class Window:
 
     def integrate(self, cells: Cells, noise: ImuNoise) -> Rotations:
         """Take the samples up to the next frame; returns the body's rotation, as what it takes vectors of before to."""
-        return self._inertia.extend(cells, noise)
+        R_before = self._state.attitude().matrix()
+        self._state = self._inertia.extend(cells, noise, self._state, self._bias)
+        return np.asarray(self._state.attitude().matrix().T @ R_before)
 
-    def advance(self, observations: Observations, said: list[BiasPrior], t_ns: int) -> Outcome:
+    def advance(self, observations: Observations, said: list[BiasPrior], t_ns: int, *, still: bool) -> Outcome:
         """Solve with the frame at the end of the samples, which was at IMU time `t_ns`; keep it, if it tells enough.
 
         Args:
             observations: of it.
             said: by the bias prior since the last frame.
             t_ns: now.
+            still: whether the body stands still.
 
         Raises:
             RuntimeError: the graph does not determine its states.
@@ -99,18 +109,19 @@ class Window:
         self.biases.hear(said, self.newest, self._values, t_ns)
         seen = self._sides.see(observations)
         k, n = self.newest, self.newest + 1
-        self._predict(k, n)
-        graph, sights = self._graph(n, seen)
-        linear = self._solve(graph)
+        self._values.insert(X(n), self._state.pose())
+        self._values.insert(V(n), self._state.velocity())
+        self._values.insert(B(n), self._bias)
+        rest = self._at_rest(n) if still else gtsam.NonlinearFactorGraph()
+        linear, used, refused = self._solve(self._inertial(n, rest), self._sights(n, seen))
         covariance = self._covariance(linear, n)
-        used = sum(s.isValid() for s in sights)
-        outcome = Outcome(
-            state_of(self._values, n, covariance[:_STATE, :_STATE]), used, sum(s.isOutlier() for s in sights)
-        )
+        outcome = Outcome(state_of(self._values, n, covariance[:_STATE, :_STATE]), used, refused)
         self.biases.known(covariance)
-        if self._is_keyframe(seen):
-            self._between[n] = self._inertia.factor(k, n)
-            self._keep(n, seen)
+        self._note(n)
+        if self._is_keyframe(seen, still=still):
+            self._between[n] = gtsam.NonlinearFactorGraph(rest)
+            self._between[n].push_back(self._inertia.factor(k, n))
+            self._keep(n, seen, still=still)
             if len(self._keyframes) > self._config.keyframes:
                 self._let_go()
         else:
@@ -118,41 +129,54 @@ class Window:
                 self._values.erase(key)
         return outcome
 
-    def _predict(self, k: int, n: int) -> None:
-        predicted = self._inertia.predict(self._values, k)
-        self._values.insert(X(n), predicted.pose())
-        self._values.insert(V(n), predicted.velocity())
-        self._values.insert(B(n), self._values.atConstantBias(B(k)))
-
-    def _graph(self, n: int, seen: Seen) -> tuple[gtsam.NonlinearFactorGraph, list[gtsam.NonlinearFactor]]:
-        """All factors, and those of features among them."""
-        graph = gtsam.NonlinearFactorGraph()
+    def _inertial(self, n: int, rest: gtsam.NonlinearFactorGraph) -> gtsam.NonlinearFactorGraph:
+        """All factors up to frame `n` but those of features."""
+        graph = gtsam.NonlinearFactorGraph(rest)
         graph.push_back(self._before)
-        for factor in self._between.values():
-            graph.push_back(factor)
+        for factors in self._between.values():
+            graph.push_back(factors)
         graph.push_back(self._inertia.factor(self.newest, n))
         graph.push_back(self.biases.graph())
-        sights = []
+        return graph
+
+    def _sights(self, n: int, seen: Seen) -> list[Sight]:
+        """Of the features that were seen from keyframes, with what frame `n` saw."""
         now: dict[int, list[tuple[int, int, Floats]]] = {}
         for key, side, point in zip(seen.keys.tolist(), seen.sides.tolist(), seen.points, strict=True):
             now.setdefault(key, []).append((n, side, point))
-        for key, views in self._views.items():
-            all_views = views + now.get(key, [])
-            if len({view[0] for view in all_views}) >= 2 and len(all_views) >= self._config.min_views:
-                sights.append(self._sides.factor(all_views))
-        for sight in sights:
-            graph.push_back(sight)
-        return graph, sights
+        all_views = (views + now.get(key, []) for key, views in self._views.items())
+        return [self._sides.factor(views) for views in all_views if self._enough(views)]
 
-    def _solve(self, graph: gtsam.NonlinearFactorGraph) -> gtsam.GaussianFactorGraph:
-        """Gauss-Newton from where the values are; returns the last linearisation."""
+    def _enough(self, views: list[tuple[int, int, Floats]]) -> bool:
+        return len(views) >= self._config.min_views and views[0][0] != views[-1][0]
+
+    def _solve(
+        self, inertial: gtsam.NonlinearFactorGraph, sights: list[Sight]
+    ) -> tuple[gtsam.GaussianFactorGraph, int, int]:
+        """Gauss-Newton from where the values are; returns the last linearisation, and sights used and refused in it."""
         for _ in range(self._config.iterations):
+            used = self._usable(sights)
+            graph = gtsam.NonlinearFactorGraph(inertial)
+            for sight in used:
+                graph.push_back(sight)
             linear = graph.linearize(self._values)
             step = linear.optimize()
             self._values = self._values.retract(step)
             if step.norm() < self._config.settled:
                 break
-        return linear
+        return linear, len(used), sum(sight.isOutlier() for sight in sights)
+
+    def _usable(self, sights: list[Sight]) -> list[Sight]:
+        """Those whose point can be told, and is neither at the cameras nor too far away."""
+        found = [(sight, result.get()) for sight in sights if (result := sight.point(self._values)).valid()]
+        if not found:
+            return []
+        points = np.array([point for _, point in found])
+        frames = [*(keyframe.k for keyframe in self._keyframes), self.newest + 1]
+        poses = [self._values.atPose3(X(k)) for k in frames if self._values.exists(X(k))]
+        distance = np.linalg.norm(points[:, None] - np.array([pose.translation() for pose in poses]), axis=2)
+        good = (distance.min(axis=1) > self._config.min_depth) & (distance.max(axis=1) < self._config.max_depth)
+        return [sight for (sight, _), fine in zip(found, good, strict=True) if fine]
 
     def _covariance(self, linear: gtsam.GaussianFactorGraph, n: int) -> Floats:
         """Of frame `n`'s state and of the prior's error, if that is estimated: (15, 15) or (21, 21)."""
@@ -165,12 +189,23 @@ class Window:
         information, _ = rest.hessian(ordering)
         return np.linalg.inv(information)
 
-    def _is_keyframe(self, seen: Seen) -> bool:
+    def _at_rest(self, n: int) -> gtsam.NonlinearFactorGraph:
+        """Frame `n` stands still: where the last keyframe was, if that stood still too."""
+        c, graph = self._config, gtsam.NonlinearFactorGraph()
+        graph.push_back(gtsam.PriorFactorVector(V(n), np.zeros(3), gtsam.noiseModel.Isotropic.Sigma(3, c.rest_sigma)))
+        if self._keyframes[-1].still:
+            same = gtsam.noiseModel.Isotropic.Sigma(6, c.same_sigma)
+            graph.push_back(gtsam.BetweenFactorPose3(X(self.newest), X(n), gtsam.Pose3(), same))
+        return graph
+
+    def _is_keyframe(self, seen: Seen, *, still: bool) -> bool:
         last, c = self._keyframes[-1], self._config
+        if (still and not last.still) or self._inertia.seconds >= c.longest_s:
+            return True
         rows = np.flatnonzero(seen.first)
         common = [(last.directions[key], seen.directions[i]) for i in rows if (key := seen.keys[i]) in last.directions]
         if len(common) == 0:
-            return self._inertia.seconds >= c.longest_s or len(rows) > 0
+            return len(rows) > 0
         if len(common) < c.common * len(last.directions):
             return True
         k, n = last.k, last.k + 1
@@ -179,11 +214,11 @@ class Window:
         angle = np.linalg.norm(np.cross(before, now @ turn.T), axis=1)
         return bool(np.median(angle) * self._focal >= c.disparity)
 
-    def _keep(self, k: int, seen: Seen) -> None:
+    def _keep(self, k: int, seen: Seen, *, still: bool) -> None:
         """Make frame `k`, the newest, a keyframe."""
         first = seen.first
         directions = dict(zip(seen.keys[first].tolist(), seen.directions[first], strict=True))
-        self._keyframes.append(_Keyframe(k, directions))
+        self._keyframes.append(_Keyframe(k, directions, still))
         for key, side, point in zip(seen.keys.tolist(), seen.sides.tolist(), seen.points, strict=True):
             self._views.setdefault(key, []).append((k, side, point))
         self._inertia.begin(self.biases.integrated_at(self._values.atConstantBias(B(k))))
@@ -202,13 +237,10 @@ class Window:
         for key, views in list(self._views.items()):
             if views[0][0] != k:
                 continue
-            spent = False
-            if len({view[0] for view in views}) >= 2 and len(views) >= self._config.min_views:
-                sight = self._sides.factor(views)
-                sight.linearize(self._values)
-                if sight.isValid():
-                    graph.push_back(sight)
-                    spent = True
+            used = self._usable([self._sides.factor(views)] if self._enough(views) else [])
+            spent = len(used) > 0
+            for sight in used:
+                graph.push_back(sight)
             kept = [] if spent else [view for view in views if view[0] != k]
             if kept:
                 self._views[key] = kept

@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from navcore.prior import PriorMode
 from navcore.settings import with_overrides
+from navcore.stillness import StillnessConfig
 from navcore.tracker import TrackerConfig
 
 StartMode = Literal["auto", "static", "moving", "truth"]
@@ -75,14 +76,9 @@ class StartConfig:
 
 
 @dataclass(frozen=True)
-class StandstillConfig:
-    """Detection of standing still, by IMU and images together."""
+class StandstillConfig(StillnessConfig):
+    """Standing still, and how still that is."""
 
-    enabled: bool = True
-    window_s: float = 0.4  # s of IMU that have to be quiet
-    gyro_std: float = 0.02  # rad/s, standard deviation below which the rate is steady
-    accel_std: float = 0.15  # m/s^2, likewise
-    max_disparity: float = 0.4  # px, motion of the image since standstill began
     position_sigma: float = 5e-4  # m, how well the pose is known to be the same
     rotation_sigma: float = 5e-4  # rad, what the test of the image lets pass
     velocity_sigma: float = 5e-3  # m/s

@@ -12,7 +12,7 @@ from msckf.health import HealthMonitor, Verdict
 from msckf.prior_update import PriorUpdate, StartingBias
 from msckf.propagation import integrate
 from msckf.recovery import Memory, disagreement
-from msckf.standstill import imu_is_quiet, standstill_update
+from msckf.standstill import standstill_update
 from msckf.starter import Starter
 from msckf.state import FilterState
 from msckf.views import Rig
@@ -30,6 +30,7 @@ from navcore.last_pose import LastPose, continued
 from navcore.odometry import Estimate, Health, State, TimedState
 from navcore.prior import BiasPriorSource, PriorState, load_prior
 from navcore.sequence import Frame, Tracks
+from navcore.stillness import imu_is_quiet
 from navcore.vibration import WINDOW_S, noise_under_vibration
 
 _SAME_STATE = 0.999  # quantile of the chi-square test by which two states are the same
@@ -256,7 +257,7 @@ class Filter:
         if len(observations.blind) == len(self._rig):  # features may go on in the next image
             return VisualOutcome(), False
         c = self.config.standstill
-        if c.enabled and len(state.clones) and imu_is_quiet(self._buffer, t_ns, c, c.window_s):
+        if c.enabled and len(state.clones) and imu_is_quiet(self._buffer, t_ns, c):
             disparity = self._window.disparity(observations)
             if disparity is not None and disparity < c.max_disparity and standstill_update(state, c):
                 self._window.hold(observations)

@@ -9,7 +9,6 @@ from msckf.config import FilterConfig
 from msckf.features import FeatureTable
 from msckf.moving_start import StartResult, moving_start
 from msckf.prior_update import StartingBias
-from msckf.standstill import image_motion
 from msckf.start_inertia import Window
 from msckf.static_start import force_surprise, is_steady, static_start
 from msckf.views import Rig
@@ -18,6 +17,7 @@ from navcore.calibration import Calibration
 from navcore.frontend import Observations
 from navcore.imu_buffer import ImuBuffer
 from navcore.odometry import State
+from navcore.stillness import image_motion
 
 _ATTEMPT_S = 0.2  # between attempts of a moving start
 _MAX_SURPRISE = 4.0  # standard deviations by which the force at rest may differ from gravity

@@ -9,12 +9,12 @@ from msckf.config import VisionConfig
 from msckf.features import FeatureTable
 from msckf.pixel_noise import PixelNoise
 from msckf.slam import add_landmarks, move_anchors, promotable, update_landmarks
-from msckf.standstill import image_motion
 from msckf.state import FilterState
 from msckf.views import Views
 from msckf.visual import VisualMeasurement, VisualOutcome, measure
 from navcore.arrays import Mask, Vectors, among
 from navcore.frontend import Observations
+from navcore.stillness import image_motion
 
 _ITERATIONS = 8
 _SETTLED = 1e-3  # rad or m, norm of a step over the window

@@ -7,9 +7,10 @@ from scipy.spatial.transform import Rotation
 
 from msckf.config import StandstillConfig
 from msckf.propagation import G_W, integrate
-from msckf.standstill import image_motion, imu_is_quiet, standstill_update, unmoved
+from msckf.standstill import standstill_update, unmoved
 from navcore.imu import ImuNoise, ImuSamples
 from navcore.imu_buffer import Cells, ImuBuffer
+from navcore.stillness import image_motion, imu_is_quiet
 from tests.msckf.scenes import filter_state
 
 CONFIG = StandstillConfig()
@@ -81,12 +82,12 @@ def buffer_of(gyro_std, accel_std, n=200):
 )
 def test_quiet_is_what_is_steady(gyro_std, accel_std, quiet):
     buffer = buffer_of(gyro_std, accel_std)
-    assert imu_is_quiet(buffer, 900_000_000, CONFIG, 0.4) == quiet
+    assert imu_is_quiet(buffer, 900_000_000, CONFIG) == quiet
 
 
 def test_too_few_samples_are_not_quiet():
-    assert not imu_is_quiet(buffer_of(0.001, 0.01), 40_000_000, CONFIG, 0.4)
-    assert not imu_is_quiet(ImuBuffer(200.0), 0, CONFIG, 0.4)
+    assert not imu_is_quiet(buffer_of(0.001, 0.01), 40_000_000, CONFIG)
+    assert not imu_is_quiet(ImuBuffer(200.0), 0, CONFIG)
 
 
 def pixels(n=100):
