@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from navcore.pixel_noise import PixelNoiseConfig
 from navcore.prior import PriorMode
 from navcore.settings import with_overrides
 from navcore.stillness import StillnessConfig
@@ -13,11 +14,10 @@ Preintegration = Literal["estimate", "prior"]
 
 
 @dataclass(frozen=True)
-class WindowConfig:
+class WindowConfig(PixelNoiseConfig):
     """The keyframes and what is seen from them."""
 
     keyframes: int = 10  # in the window, the newest frame not counted
-    pixel_noise: float = 1.0  # px, standard deviation of a feature's position in one image
     min_views: int = 3  # that a feature needs to be used
     min_depth: float = 0.2  # m, a point closer to the body is none
     max_depth: float = 100.0  # m

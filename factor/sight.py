@@ -15,6 +15,7 @@ from factor.config import WindowConfig
 from navcore.arrays import Floats, Rotations, Stamps
 from navcore.calibration import CameraMount
 from navcore.frontend import Observations
+from navcore.pixel_noise import PixelNoise
 
 _RANK_TOLERANCE = 1e-1  # of triangulation, below which a feature has no parallax
 
@@ -58,7 +59,7 @@ class Sides:
             for R_CS in self._R_CS:
                 pose = gtsam.Pose3(gtsam.Rot3(mount.R_BC @ R_CS), mount.p_BC)
                 self._rig.push_back(gtsam.PinholePoseCal3_S2(pose, lens))
-        self._noise = gtsam.noiseModel.Isotropic.Sigma(2, config.pixel_noise)
+        self.noise = PixelNoise(config)
         self._params = gtsam.SmartProjectionParams(
             gtsam.LinearizationMode.HESSIAN, gtsam.DegeneracyMode.ZERO_ON_DEGENERACY
         )
@@ -77,9 +78,15 @@ class Sides:
         sides = observations.cameras * len(self._R_CS) + side
         return Seen(observations.keys, sides, points, directions, observations.cameras == 0)
 
+    def learn(self, sights: list[Sight], values: gtsam.Values) -> None:
+        """Learn the noise from how well features are explained, by what their positions leave of it."""
+        misfit = np.array([2.0 * sight.error(values) for sight in sights])
+        dof = np.array([2.0 * len(sight.measured()) - 3.0 for sight in sights])
+        self.noise.learn(misfit, dof)
+
     def factor(self, views: Iterable[tuple[int, int, Floats]]) -> Sight:
         """Of a feature that was seen from frames k through sides s at points p: (k, s, p) each."""
         frames, sides, points = zip(*views, strict=True)
-        factor = Sight(self._noise, self._rig, self._params)
+        factor = Sight(gtsam.noiseModel.Isotropic.Sigma(2, self.noise.sigma), self._rig, self._params)
         factor.add(points, [X(k) for k in frames], sides)
         return factor

@@ -164,6 +164,7 @@ class Window:
             self._values = self._values.retract(step)
             if step.norm() < self._config.settled:
                 break
+        self._sides.learn(used, self._values)
         return linear, len(used), sum(sight.isOutlier() for sight in sights)
 
     def _usable(self, sights: list[Sight]) -> list[Sight]:

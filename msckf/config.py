@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from navcore.pixel_noise import PixelNoiseConfig
 from navcore.prior import PriorMode
 from navcore.settings import with_overrides
 from navcore.stillness import StillnessConfig
@@ -14,13 +15,9 @@ MarginalOrder = Literal["oldest", "keyframes"]
 
 
 @dataclass(frozen=True)
-class VisionConfig:
+class VisionConfig(PixelNoiseConfig):
     """Measurements of features over the window of clones."""
 
-    pixel_noise: float = 1.0  # px, standard deviation of a feature's position in one image, to begin with
-    adapt_noise: bool = True  # follow it by the innovations
-    least_noise: float = 0.5  # px, bounds of that
-    most_noise: float = 4.0
     clones: int = 11  # poses in the window
     marginalise: MarginalOrder = "oldest"  # pose that leaves; `keyframes`: the last one, where the view hardly moved
     keyframe_disparity: float = 5.0  # px, motion of the view since the pose before it that makes a pose a keyframe

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from msckf.chi_square import chi_square_quantile
 from msckf.config import FilterConfig
 from msckf.estimated import Estimated
 from msckf.health import HealthMonitor, Verdict
@@ -20,6 +19,7 @@ from msckf.visual import VisualOutcome
 from msckf.window import VisualWindow
 from navcore.arrays import Floats, Rotations
 from navcore.calibration import Calibration
+from navcore.chi_square import chi_square_quantile
 from navcore.clock import stage
 from navcore.errors import ConfigError
 from navcore.frontend import Frontend, Observations

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from msckf.blocks import BIASES
-from msckf.chi_square import chi_square_quantile
 from msckf.config import PriorConfig, StartConfig
 from msckf.recovery import Learned
 from msckf.state import FilterState
 from navcore.arrays import Floats
+from navcore.chi_square import chi_square_quantile
 from navcore.imu import ImuNoise, ImuSamples
 from navcore.prior import BiasPrior, BiasPriorSource, Paced, PriorState
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from msckf.chi_square import chi_square_quantile
 from msckf.config import VisionConfig
 from msckf.landmarks import Landmarks
 from msckf.state import FilterState
 from msckf.visual import VisualMeasurement, VisualOutcome, camera_jacobian
 from navcore import so3
 from navcore.arrays import Floats, Mask, Rotations, Stamps, Vectors, among
+from navcore.chi_square import chi_square_quantile
 from navcore.frontend import Observations
 
 _ENDS_BEYOND = 0.9999  # quantile of the chi-square test at which a landmark is given up

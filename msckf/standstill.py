@@ -3,11 +3,11 @@
 import numpy as np
 
 from msckf.blocks import MOTION, POSITION, THETA, VELOCITY
-from msckf.chi_square import chi_square_quantile
 from msckf.config import StandstillConfig
 from msckf.state import FilterState
 from navcore import so3
 from navcore.arrays import Floats, Stamps
+from navcore.chi_square import chi_square_quantile
 
 
 def standstill_update(state: FilterState, config: StandstillConfig) -> bool:

@@ -4,13 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from msckf.chi_square import chi_square_quantile
 from msckf.config import VisionConfig
 from msckf.estimated import Estimated
 from msckf.triangulation import Triangulated, triangulate
 from msckf.views import Rig, Views
 from navcore import so3
 from navcore.arrays import Floats, Mask, Rotations, Stamps, Vectors
+from navcore.chi_square import chi_square_quantile
 
 _FLOOR = 1e-13  # of a normal matrix with a unit diagonal
 

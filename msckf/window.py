@@ -7,13 +7,13 @@ import numpy as np
 from msckf.blocks import VELOCITY
 from msckf.config import VisionConfig
 from msckf.features import FeatureTable
-from msckf.pixel_noise import PixelNoise
 from msckf.slam import add_landmarks, move_anchors, promotable, update_landmarks
 from msckf.state import FilterState
 from msckf.views import Views
 from msckf.visual import VisualMeasurement, VisualOutcome, measure
 from navcore.arrays import Mask, Vectors, among
 from navcore.frontend import Observations
+from navcore.pixel_noise import PixelNoise
 from navcore.stillness import image_motion
 
 _ITERATIONS = 8

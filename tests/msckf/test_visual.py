@@ -9,7 +9,6 @@ from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from msckf.chi_square import chi_square_quantile
 from msckf.config import VisionConfig
 from msckf.estimated import Estimated
 from msckf.views import Rig, Views
@@ -21,6 +20,7 @@ from msckf.visual import (
     normalised_innovations,
     split,
 )
+from navcore.chi_square import chi_square_quantile
 from tests.msckf import scenes
 
 RIGS = {"radtan": scenes.ONE, "equidistant": Rig((scenes.mount(scenes.EQUIDISTANT),)), "stereo": scenes.STEREO}

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from msckf.config import FilterConfig, VisionConfig
+from msckf.config import FilterConfig
 from msckf.filter import Filter
-from msckf.pixel_noise import PixelNoise
 from navcore.odometry import run
+from navcore.pixel_noise import PixelNoise, PixelNoiseConfig
 from sim.points import simulate_points
 
 
 def learned(true_sigma, frames=400, outliers=0.0, features=15, **settings):
     """Sigma after so many frames whose features have the true noise, a share of them ten times as much."""
     rng = np.random.default_rng(1)
-    noise = PixelNoise(VisionConfig(**settings))
+    noise = PixelNoise(PixelNoiseConfig(**settings))
     for _ in range(frames):
         dof = 2.0 * rng.integers(4, 12, features) - 3.0
         wrong = rng.random(features) < outliers

@@ -1,15 +1,26 @@
 """How noisy the features' positions are, as their innovations tell (docs/filter.md, section 4.7)."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from msckf.chi_square import chi_square_quantile
-from msckf.config import VisionConfig
 from navcore.arrays import Floats
+from navcore.chi_square import chi_square_quantile
 
 _FEATURES = 5  # at a frame, fewer tell nothing
 _SLOWEST = 0.02  # share that a frame has in the estimate, in the long run
 _QUICKEST = 0.2  # and at the beginning
 _LARGEST = 1.0  # step of log(NIS) that is believed of one frame
+
+
+@dataclass(frozen=True)
+class PixelNoiseConfig:
+    """What is believed of a feature's position."""
+
+    pixel_noise: float = 1.0  # px, standard deviation of a feature's position in one image, to begin with
+    adapt_noise: bool = True  # follow it by the innovations
+    least_noise: float = 0.5  # px, bounds of that
+    most_noise: float = 4.0
 
 
 class PixelNoise:
@@ -18,7 +29,7 @@ class PixelNoise:
     The median, since a share of features is always on things that move or follow the wrong point.
     """
 
-    def __init__(self, config: VisionConfig) -> None:
+    def __init__(self, config: PixelNoiseConfig) -> None:
         self._config = config
         self._frames = 0
         self.sigma = config.pixel_noise  # px
