@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from msckf.blocks import VELOCITY
+from msckf.blocks import THETA, VELOCITY
 from msckf.config import VisionConfig
 from msckf.features import FeatureTable
 from msckf.slam import add_landmarks, move_anchors, promotable, update_landmarks
@@ -17,6 +17,7 @@ from navcore.pixel_noise import PixelNoise
 from navcore.stillness import image_motion
 
 _ITERATIONS = 8
+_ASKEW = 0.003  # rad, standard deviation of how a camera is turned, past which updates are iterated
 _SETTLED = 1e-3  # rad or m, norm of a step over the window
 
 
@@ -89,7 +90,7 @@ class VisualWindow:
         config, columns = self.config, state.seen_columns
         views = self.table.views_of(state.rig, chosen)
         unsure = np.diagonal(state.covariance)[VELOCITY].max() > config.unsure_velocity**2
-        m = self._settled(state, views) if unsure else self._measured(state, views)
+        m = self._settled(state, views) if unsure or _seen_askew(state) else self._measured(state, views)
         self.noise.learn(m.nis, m.dof, only_up=unsure)
         where = np.flatnonzero(chosen)
         promoted = lasting[where[m.used]] & promotable(m, config) & (not unsure)
@@ -121,7 +122,7 @@ class VisualWindow:
         dx = np.zeros(len(columns))
         for _ in range(_ITERATIONS):
             at = state.clones.R_WB, state.clones.p_WB
-            m = measure(views, *at, *at, P, self.config, state.estimated, dx)
+            m = measure(replace(views, rig=state.rig), *at, *at, P, self.config, state.estimated, dx)
             state.back_to(before)
             last = dx
             if m.used.any():
@@ -132,3 +133,11 @@ class VisualWindow:
         if m.used.any():
             state.clones.R_first, state.clones.p_first = at
         return m
+
+
+def _seen_askew(state: FilterState) -> bool:
+    """Whether it is so uncertain how the cameras are turned that one linearisation does not do."""
+    if not state.estimated.extrinsics:
+        return False
+    variance = np.diagonal(state.covariance)[state.cameras].reshape(len(state.rig), -1)
+    return bool(variance[:, THETA].max() > _ASKEW**2)

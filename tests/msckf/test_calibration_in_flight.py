@@ -82,7 +82,7 @@ def test_a_wrong_calibration_becomes_right_within_what_the_filter_claims(what, c
 @pytest.mark.slow
 @pytest.mark.parametrize(("what", "cameras"), [("time", 1), ("poses", 1), ("lens", 1), ("all", 1), ("poses", 2)])
 def test_the_calibration_is_as_well_known_as_the_filter_claims(what, cameras):
-    """NEES over flights. With landmarks it is up to 1.5 times as sure as it should be (docs/filter.md, section 9)."""
+    """NEES over flights."""
     seeds = range(1, 31)
     flights = [learned(what, seed, 15.0, cameras) for seed in seeds]
     n = len(flights[0][0])
