@@ -122,7 +122,7 @@ class Paced:
             samples = self._waiting.popleft()
             upto = int(np.searchsorted(samples.t_ns, t_ns, side="right"))
             if upto:
-                out.append(samples[:upto])
+                out.append(samples if upto == len(samples) else samples[:upto])
             if upto < len(samples):
                 self._waiting.appendleft(samples[upto:])
                 break
