@@ -120,9 +120,10 @@ def dataset(
     out: Path | None = None,
     scheduler: str | None = None,
     workers: int | None = None,
+    estimator: str = "msckf",
     config: FilterConfig = FilterConfig(),  # noqa: B008
 ) -> int:
-    """Run the filter on every recording of the data set below a folder, or what is left, beside published figures.
+    """Run an estimator on every recording of the data set below a folder, or what is left, beside published figures.
 
     Args:
         name: of the data set.
@@ -132,7 +133,8 @@ def dataset(
         out: folder of the results, results/NAME by default; a run that was stopped goes on there.
         scheduler: address of a Dask scheduler; a local cluster is started without one.
         workers: processes of the local cluster, one for each core by default.
-        config: all settings of the filter.
+        estimator: the filter, msckf, or another by its name, as factor.
+        config: all settings of the filter; other estimators take the number of cameras.
     """
     from eval.datasets import FINISHED, Dataset, write_table
     from eval.survey import Survey
@@ -143,7 +145,7 @@ def dataset(
     for note in survey.notes:
         console.print(note, markup=False, highlight=False)
     config = config if cameras is None else config.with_overrides({"cameras": cameras})
-    chosen = Dataset(Published.of(name), survey, prior, config)
+    chosen = Dataset(Published.of(name), survey, prior, config, estimator)
     plan = chosen.study(folder)
     check_priors(plan.cells, folder)
     outcome = _outcome(plan, folder, scheduler, workers, console)

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from eval.cells import Cell, Study
+from eval.errors import StudyError
 from eval.kept import kept
 from eval.outcome import Outcome
 from eval.paired import frame
@@ -32,21 +33,30 @@ class Dataset:
         published: what others reached on it.
         survey: what there is.
         prior: where bias priors come from, as `load_prior` takes it.
-        config: of the filter.
+        config: of the filter; of another estimator its number of cameras.
+        estimator: as in `Cell.estimator`.
     """
 
     published: Published
     survey: Survey
     prior: str = "none"
     config: FilterConfig = field(default_factory=FilterConfig)
+    estimator: str = "msckf"
 
     def study(self, workspace: Path) -> Study:
-        """A run for each recording that can be run; files that the prior names are copied into `workspace`."""
+        """A run for each recording that can be run; files that the prior names are copied into `workspace`.
+
+        Raises:
+            StudyError: settings of the filter are asked for, and another estimator.
+        """
         overrides = tuple(differences(asdict(FilterConfig()), asdict(self.config)).items())
+        foreign = [name for name, _ in overrides if name != "cameras"]
+        if self.estimator != "msckf" and foreign:
+            raise StudyError(f"{', '.join(foreign)}: settings of the filter, which {self.estimator} does not have")
         prior = kept(self.prior, workspace)
         names = (self.published.title, "recordings")
         cells = [
-            Cell(x.source, *names, x.name, 1, self.prior, prior, overrides=overrides)
+            Cell(x.source, *names, x.name, 1, self.prior, prior, estimator=self.estimator, overrides=overrides)
             for x in self.survey.recordings
             if x.source is not None
         ]
@@ -76,7 +86,9 @@ class Dataset:
     def tables(self, results: pd.DataFrame) -> tuple[Table, ...]:
         """How every recording went, ATE beside that of others, and what was wrong with a recording."""
         count = self.config.cameras
-        title = f"{self.published.title}: {count} camera{'s' if count > 1 else ''}, prior {self.prior}"
+        title = (
+            f"{self.published.title}: {self.estimator}, {count} camera{'s' if count > 1 else ''}, prior {self.prior}"
+        )
         tables = [_runs(results, title), _beside_published(results, self.published)]
         amiss = results[results.state.isin((FAILED, MISSING))][["recording", "message"]]
         if len(amiss):

@@ -11,7 +11,7 @@ from platform import python_version
 from navcore.errors import ConfigError
 from navcore.prior import prior_entry
 
-_DISTRIBUTIONS = ("msckf-ipnet", "numpy", "scipy", "opencv-python-headless", "mujoco", "onnxruntime")
+_DISTRIBUTIONS = ("msckf-ipnet", "numpy", "scipy", "opencv-python-headless", "mujoco", "onnxruntime", "gtsam")
 _SCORING = (
     "alignment.py",
     "metrics.py",
@@ -37,7 +37,12 @@ def versions(estimators: tuple[str, ...] = ("msckf",), priors: tuple[str, ...] =
         priors: as in `Cell.priors`.
     """
     found = {name: _version(name) for name in _DISTRIBUTIONS}
-    packages = {"navcore", "sim", *(_package(name) for name in estimators)}
+    packages = {
+        "navcore",
+        "sim",
+        "msckf",
+        *(_package(name) for name in estimators),
+    }  # others may begin as the filter does
     scoring = [Path(__file__).with_name(name) for name in _SCORING]
     told = {_PRIOR + name: version for name in priors if (version := _prior_version(name))}
     return {"python": python_version(), **found, "code": code_digest(packages, scoring), **told}

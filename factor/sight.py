@@ -6,6 +6,7 @@ feature is seen through the one that it is nearest the axis of. Each pixel keeps
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import gtsam
 import numpy as np
@@ -20,7 +21,7 @@ from navcore.pixel_noise import PixelNoise
 _RANK_TOLERANCE = 1e-1  # of triangulation, below which a feature has no parallax
 
 
-Sight = gtsam.SmartProjectionRigFactorPinholePoseCal3_S2
+Sight: TypeAlias = gtsam.SmartProjectionRigFactorPinholePoseCal3_S2
 """The factor of one feature."""
 
 
@@ -87,6 +88,7 @@ class Sides:
     def factor(self, views: Iterable[tuple[int, int, Floats]]) -> Sight:
         """Of a feature that was seen from frames k through sides s at points p: (k, s, p) each."""
         frames, sides, points = zip(*views, strict=True)
-        factor = Sight(gtsam.noiseModel.Isotropic.Sigma(2, self.noise.sigma), self._rig, self._params)
+        noise = gtsam.noiseModel.Isotropic.Sigma(2, self.noise.sigma)
+        factor: Sight = gtsam.SmartProjectionRigFactorPinholePoseCal3_S2(noise, self._rig, self._params)
         factor.add(points, [X(k) for k in frames], sides)
         return factor

@@ -249,7 +249,7 @@ def _error(known: PriorState, state: State) -> PriorError | None:
     """What a starter knows of the prior's constant error, by what follows the biases and what does not."""
     if known.c is None or known.covariance is None or known.with_biases is None:
         return None
-    gain = np.linalg.solve(state.covariance[_BIASES, _BIASES], known.with_biases.T).T
+    gain = np.asarray(np.linalg.solve(state.covariance[_BIASES, _BIASES], known.with_biases.T).T, dtype=np.float64)
     rest = known.covariance - gain @ known.with_biases.T
     return PriorError(known.c, gain, 0.5 * (rest + rest.T))
 
