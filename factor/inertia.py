@@ -4,6 +4,8 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
 
+from navcore import so3
+from navcore.arrays import Vectors
 from navcore.imu import GRAVITY, ImuNoise
 from navcore.imu_buffer import Cells
 
@@ -40,7 +42,8 @@ class Inertia:
     ) -> gtsam.NavState:
         """Integrate cells under this noise; returns where they lead from a state, at this bias."""
         step = gtsam.PreintegratedCombinedMeasurements(self._params, bias)
-        for dt, gyro, accel, bridged in zip(cells.dt, cells.gyro, cells.accel, cells.bridged, strict=True):
+        forces = _turned_half(cells, bias)
+        for dt, gyro, accel, bridged in zip(cells.dt, cells.gyro, forces, cells.bridged, strict=True):
             uncovered = bridged / dt
             gyro_density = noise.gyroscope_noise_density**2 + uncovered * _GAP_GYRO_DENSITY**2
             accel_density = noise.accelerometer_noise_density**2 + uncovered * _GAP_ACCEL_DENSITY**2
@@ -53,3 +56,14 @@ class Inertia:
     def factor(self, k: int, n: int) -> gtsam.CombinedImuFactor:
         """Between keyframe `k` and frame `n`, which is now."""
         return gtsam.CombinedImuFactor(X(k), V(k), X(n), V(n), B(k), B(n), self._measured)
+
+
+def _turned_half(cells: Cells, bias: gtsam.imuBias.ConstantBias) -> Vectors:
+    """(N, 3) forces as they are felt by the body as it was when each cell began.
+
+    A sample is the mean over its cell, in which the body turns. GTSAM takes the attitude at the cell's beginning, and at
+    1 rad/s and 200 Hz would be wrong by 0.025 m/s^2, as much as a bias.
+    """
+    half = so3.exp(0.5 * (cells.gyro - bias.gyroscope()) * cells.dt[:, None])
+    unbiased = cells.accel - bias.accelerometer()
+    return np.asarray((half @ unbiased[..., None])[..., 0] + bias.accelerometer())
