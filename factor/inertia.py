@@ -61,8 +61,8 @@ class Inertia:
 def _turned_half(cells: Cells, bias: gtsam.imuBias.ConstantBias) -> Vectors:
     """(N, 3) forces as they are felt by the body as it was when each cell began.
 
-    A sample is the mean over its cell, in which the body turns. GTSAM takes the attitude at the cell's beginning, and at
-    1 rad/s and 200 Hz would be wrong by 0.025 m/s^2, as much as a bias.
+    A sample is the mean over its cell, in which the body turns. GTSAM takes the attitude at the cell's beginning, which
+    at 1 rad/s and 200 Hz is wrong by 0.025 m/s^2, as much as a bias.
     """
     half = so3.exp(0.5 * (cells.gyro - bias.gyroscope()) * cells.dt[:, None])
     unbiased = cells.accel - bias.accelerometer()

@@ -191,7 +191,7 @@ class Smoother:
             reasons.insert(0, f"IMU gap of {gap_s:.3f} s")
         if outcome.refused > outcome.used:
             reasons.append(f"{outcome.refused} features refused")
-        if outcome.used >= c.min_used and len(observations):
+        if still or (outcome.used >= c.min_used and len(observations)):
             self._vision_ns = t_ns
         blind_s = (t_ns - self._vision_ns) * 1e-9
         health = Health.TRACKING

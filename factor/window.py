@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B, V, X
+from scipy.linalg import cho_solve
 
 from factor.bias_prior import BiasFactors, PriorError
 from factor.border import error_from_gtsam, insert, state_of
@@ -113,8 +114,7 @@ class Window:
         self._values.insert(V(n), self._state.velocity())
         self._values.insert(B(n), self._bias)
         rest = self._at_rest(n) if still else gtsam.NonlinearFactorGraph()
-        linear, used, refused = self._solve(self._inertial(n, rest), self._sights(n, seen))
-        covariance = self._covariance(linear, n)
+        covariance, used, refused = self._solve(self._inertial(n, rest), self._sights(n, seen))
         outcome = Outcome(state_of(self._values, n, covariance[:_STATE, :_STATE]), used, refused)
         self.biases.known(covariance)
         self._note(n)
@@ -150,22 +150,25 @@ class Window:
     def _enough(self, views: list[tuple[int, int, Floats]]) -> bool:
         return len(views) >= self._config.min_views and views[0][0] != views[-1][0]
 
-    def _solve(
-        self, inertial: gtsam.NonlinearFactorGraph, sights: list[Sight]
-    ) -> tuple[gtsam.GaussianFactorGraph, int, int]:
-        """Gauss-Newton from where the values are; returns the last linearisation, and sights used and refused in it."""
+    def _solve(self, inertial: gtsam.NonlinearFactorGraph, sights: list[Sight]) -> tuple[Floats, int, int]:
+        """Gauss-Newton from where the values are.
+
+        Returns:
+            Covariance of the newest state and of the prior's error, if that is estimated, (15, 15) or (21, 21); how
+            many sights were used and refused.
+        """
+        ordering = self._ordering()
         for _ in range(self._config.iterations):
             used = self._usable(sights)
             graph = gtsam.NonlinearFactorGraph(inertial)
             for sight in used:
                 graph.push_back(sight)
-            linear = graph.linearize(self._values)
-            step = linear.optimize()
+            step, covariance = self._step(graph.linearize(self._values), ordering)
             self._values = self._values.retract(step)
             if step.norm() < self._config.settled:
                 break
         self._sides.learn(used, self._values)
-        return linear, len(used), sum(sight.isOutlier() for sight in sights)
+        return covariance, len(used), sum(sight.isOutlier() for sight in sights)
 
     def _usable(self, sights: list[Sight]) -> list[Sight]:
         """Those whose point can be told, and is neither at the cameras nor too far away."""
@@ -179,16 +182,37 @@ class Window:
         good = (distance.min(axis=1) > self._config.min_depth) & (distance.max(axis=1) < self._config.max_depth)
         return [sight for (sight, _), fine in zip(found, good, strict=True) if fine]
 
-    def _covariance(self, linear: gtsam.GaussianFactorGraph, n: int) -> Floats:
-        """Of frame `n`'s state and of the prior's error, if that is estimated: (15, 15) or (21, 21)."""
-        wanted = [X(n), V(n), B(n), *self.biases.keys]
-        others = [key for key in self._values.keys() if key not in wanted]  # noqa: SIM118, GTSAM's is no mapping
-        _, rest = linear.eliminatePartialSequential(others)
+    def _ordering(self) -> gtsam.Ordering:
+        """All states, the newest last, then the prior's error."""
+        n = self.newest + 1
+        last = [X(n), V(n), B(n), *self.biases.keys]
         ordering = gtsam.Ordering()
-        for key in wanted:
+        for key in self._values.keys():  # noqa: SIM118, GTSAM's is no mapping
+            if key not in last:
+                ordering.push_back(key)
+        for key in last:
             ordering.push_back(key)
-        information, _ = rest.hessian(ordering)
-        return np.linalg.inv(information)
+        return ordering
+
+    def _step(self, linear: gtsam.GaussianFactorGraph, ordering: gtsam.Ordering) -> tuple[gtsam.VectorValues, Floats]:
+        """The step to the least squares, and the covariance of what comes last.
+
+        By a Cholesky factor of the whole matrix, its diagonal scaled to one: GTSAM's own takes pivots that differ by
+        seven orders of magnitude for a singular system, as a bias that hardly walks and is hardly known has them.
+        """
+        H, g = linear.hessian(ordering)
+        scale = 1.0 / np.sqrt(np.diagonal(H))
+        L = np.linalg.cholesky(H * np.outer(scale, scale))
+        x = scale * cho_solve((L, True), scale * g)
+        step, at = gtsam.VectorValues(), 0
+        for i in range(ordering.size()):
+            key = ordering.at(i)
+            size = 3 if gtsam.Symbol(key).chr() == ord("v") else 6
+            step.insert(key, x[at : at + size])
+            at += size
+        known = _STATE + 6 * len(self.biases.keys)
+        corner = np.linalg.inv(L[-known:, -known:]) * scale[-known:]
+        return step, corner.T @ corner
 
     def _at_rest(self, n: int) -> gtsam.NonlinearFactorGraph:
         """Frame `n` stands still: where the last keyframe was, if that stood still too."""
