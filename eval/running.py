@@ -85,7 +85,8 @@ def run_recording(
     summary = summarise(result, sequence)
     if sequence.truth is not None and result.has_state.any():
         summary |= score(result.trajectory, sequence.truth)
-    options = {"path": str(asked.path), "prior": asked.prior, "start": asked.start, "end": asked.end, **settings}
+    span = {"start_s": asked.start, "end_s": asked.end}
+    options = {"path": str(asked.path), "bias_prior": asked.prior, **span, **settings}
     write_run(asked.out, result, sequence, options, summary)
     _report(result, summary, asked.out)
 

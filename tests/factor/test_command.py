@@ -25,8 +25,8 @@ def test_it_writes_the_same_folder_as_the_filter(recording, tmp_path, monkeypatc
     out = tmp_path / "out"
     assert run(monkeypatch, recording, "--out", out, "--prior", "truth", "--prior-mode", "plain") == 0
     assert {"trajectory.tum", "biases.csv", "frames.csv", "run.json"} <= {f.name for f in out.iterdir()}
-    written = json.loads((out / "run.json").read_text())
-    assert written["config"]["prior"]["mode"] == "plain" if "prior" in written.get("config", {}) else written
+    config = json.loads((out / "run.json").read_text())["config"]
+    assert config["bias_prior"] == "truth" and config["prior"]["mode"] == "plain" and config["end_s"] is None
 
 
 def test_a_start_from_truth(recording, tmp_path, monkeypatch):
