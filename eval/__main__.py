@@ -54,6 +54,34 @@ def score(
     return 0
 
 
+def compare(
+    trajectories: tyro.conf.Positional[tuple[Path, ...]],
+    truth: Path,
+    alignment: Mode = "yaw",
+    plot: Path | None = None,
+    as_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> int:
+    """Score trajectories of any systems against one truth, over the time that all of them have.
+
+    Args:
+        trajectories: files in TUM format, or folders of runs.
+        truth: a recording, or a file in TUM format.
+        alignment: what is fitted before errors are taken, to each by itself.
+        plot: file for a picture of the paths and of their errors over time.
+        as_json: print JSON instead of a table.
+    """
+    from eval.compare import Comparison, named
+
+    compared = Comparison.of(named(trajectories), files.read_truth(truth), alignment)
+    if as_json:
+        print(json.dumps(compared.scores(), indent=1, allow_nan=False))
+    else:
+        _console().print(compared.table().rich())
+    if plot is not None:
+        compared.save_plot(plot)
+    return 0
+
+
 def study(
     preset: Literal["quick", "standard", "full"] = "quick",
     out: Path | None = None,
@@ -233,7 +261,12 @@ def _show(outcome: Outcome, page: Path, console: Console) -> int:
 
 def main() -> int:
     """Parse the command line and do what it says."""
-    commands: dict[str, Callable[..., int]] = {"score": score, "study": study, "benchmark": benchmark}
+    commands: dict[str, Callable[..., int]] = {
+        "score": score,
+        "compare": compare,
+        "study": study,
+        "benchmark": benchmark,
+    }
     commands |= {name: partial(dataset, name) for name in get_args(DatasetName)}
     commands |= {"starts": starts, "report": report}
     with command_line(EvalError, SimError, resumes=True):
