@@ -86,7 +86,8 @@ def run_recording(
     if sequence.truth is not None and result.has_state.any():
         summary |= score(result.trajectory, sequence.truth)
     span = {"start_s": asked.start, "end_s": asked.end}
-    options = {"path": str(asked.path), "bias_prior": asked.prior, **span, **settings}
+    begin = {"from_truth": asked.from_truth}
+    options = {"path": str(asked.path), "bias_prior": asked.prior, **begin, **span, **settings}
     write_run(asked.out, result, sequence, options, summary)
     _report(result, summary, asked.out)
 

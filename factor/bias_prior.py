@@ -47,35 +47,46 @@ def modelled_factor(k: int, z: BiasPrior, covariance: Floats) -> gtsam.BetweenFa
 class BiasFactors:
     """The factors that a prior has put into the window."""
 
-    def __init__(self, config: PriorConfig, noise: ImuNoise, error: PriorError | None) -> None:
+    def __init__(
+        self, config: PriorConfig, noise: ImuNoise, error: PriorError | None, latest: BiasPrior | None = None
+    ) -> None:
         self._config = config
         self._walk = np.repeat([noise.gyroscope_random_walk, noise.accelerometer_random_walk], 3) ** 2  # by second
         self._error = error
         self._factors: dict[int, list[gtsam.NonlinearFactor]] = {}
-        self._latest: BiasPrior | None = None
-        self._covariance: Floats | None = None  # of the newest bias, or of it and -c; GTSAM's order
-        self.applied = 0
+        self._latest = latest
+        self._covariance = np.zeros((6, 6))  # of the newest bias, or of it and -c; GTSAM's order
 
     @property
     def keys(self) -> list[int]:
         """Of the prior's error, if that is estimated."""
         return [] if self._error is None else [_ERROR]
 
-    def begin(self, values: gtsam.Values, graph: gtsam.NonlinearFactorGraph) -> None:
-        """Put the prior's error in, with what is known of it at the first keyframe."""
+    def begin(self, values: gtsam.Values, graph: gtsam.NonlinearFactorGraph, P: Floats) -> None:
+        """Put the prior's error in, with what is known of it at the first keyframe.
+
+        Args:
+            values: those of the first keyframe; the error comes into them.
+            graph: gets the factor.
+            P: (6, 6) covariance of the biases there, in the order b_g, b_a.
+        """
+        self._covariance = swapped(P)
         if self._error is None:
             return
         values.insert(_ERROR, bias_of(*np.split(-self._error.mean, 2)))
-        L_inverse = np.linalg.inv(np.linalg.cholesky(swapped(self._error.rest)))
-        by_bias = L_inverse @ swapped(self._error.gain)  # of -(c - mean) - (-gain (b - b_hat))
+        gain, rest = swapped(self._error.gain), swapped(self._error.rest)
+        L_inverse = np.linalg.inv(np.linalg.cholesky(rest))
+        by_bias = L_inverse @ gain  # of -(c - mean) - (-gain (b - b_hat))
         factor = gtsam.JacobianFactor(_ERROR, L_inverse, B(0), by_bias, np.zeros(6), gtsam.noiseModel.Unit.Create(6))
         graph.push_back(gtsam.LinearContainerFactor(factor, values))
+        both = gain @ self._covariance
+        whole = rest + both @ gain.T
+        self._covariance = np.block([[self._covariance, -both.T], [-both, whole]])
 
     def hear(self, said: list[BiasPrior], k: int, values: gtsam.Values, t_ns: int) -> None:
         """Take what a source has said by now; the newest keyframe is `k`."""
         for z in said:
             self._latest = z
-            self.applied += 1
             if self._config.mode == "modelled":
                 self._factors.setdefault(k, []).append(self._weighed(z, k, values, t_ns))
 
@@ -116,12 +127,11 @@ class BiasFactors:
         """
         R = z.covariance + np.diag(self._walk) * max(t_ns - z.t_ns, 0) * 1e-9
         r = swapped(z.vector) - values.atConstantBias(B(k)).vector()
-        S = swapped(R)
+        H = np.eye(6)
         if self._error is not None:
             r += values.atConstantBias(_ERROR).vector()
-        if self._covariance is not None:
-            H = np.eye(6) if self._error is None else np.hstack([np.eye(6), -np.eye(6)])
-            S = S + H @ self._covariance @ H.T
+            H = np.hstack([H, -H])
+        S = swapped(R) + H @ self._covariance @ H.T
         nis = float(r @ np.linalg.solve(S, r))
         dof = self._config.student_dof
         weight = min((dof + 6.0) / (dof + nis), 1.0)

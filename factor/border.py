@@ -11,9 +11,6 @@ from gtsam.symbol_shorthand import B, V, X
 from navcore.arrays import Floats, Rotations, Vectors
 from navcore.odometry import State
 
-GYRO, ACCEL = slice(3, 6), slice(0, 3)
-"""Of GTSAM's bias vector."""
-
 
 def bias_of(b_g: Vectors, b_a: Vectors) -> gtsam.imuBias.ConstantBias:
     """GTSAM's bias of gyro and accelerometer biases (3,)."""

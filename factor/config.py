@@ -21,7 +21,7 @@ class WindowConfig(PixelNoiseConfig):
     min_views: int = 3  # that a feature needs to be used
     min_depth: float = 0.2  # m, a point closer to the body is none
     max_depth: float = 100.0  # m
-    max_misfit: float = 3.0  # px, mean distance from where it should be seen, past which a feature is refused
+    gate_probability: float = 0.99  # of the chi-square test of what a point leaves unexplained, feature by feature
     disparity: float = 10.0  # px, motion of the view since the last keyframe, rotation taken out, that makes one
     common: float = 0.6  # of the last keyframe's features, if fewer are followed the frame becomes one
     longest_s: float = 1.0  # s between keyframes
@@ -64,7 +64,6 @@ class SmootherConfig:
     stillness: StillnessConfig = field(default_factory=StillnessConfig)
     health: HealthConfig = field(default_factory=HealthConfig)
     cameras: int = 1  # how many of the rig's cameras are used
-    starter: str = "msckf"  # the estimator whose first state it begins with
 
     def with_overrides(self, overrides: Mapping[str, Any]) -> "SmootherConfig":
         """A copy with settings replaced by dotted name, as `{"window.keyframes": 15}`.

@@ -1,10 +1,10 @@
 """Features seen from keyframes, as GTSAM's smart factors: their positions are eliminated inside.
 
 A camera of any lens is taken apart into five pinhole cameras without distortion, the sides of a cube around it; a
-feature is seen through the one that it is nearest the axis of. Each pixel keeps its size near that axis.
+feature is seen through the one that it is nearest the axis of. How much that stretches a pixel its noise knows.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -13,7 +13,8 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 
 from factor.config import WindowConfig
-from navcore.arrays import Floats, Rotations, Stamps
+from navcore import so3
+from navcore.arrays import Floats, Mask, Rotations, Stamps
 from navcore.calibration import CameraMount
 from navcore.frontend import Observations
 from navcore.pixel_noise import PixelNoise
@@ -21,8 +22,24 @@ from navcore.pixel_noise import PixelNoise
 _RANK_TOLERANCE = 1e-1  # of triangulation, below which a feature has no parallax
 
 
-Sight: TypeAlias = gtsam.SmartProjectionRigFactorPinholePoseCal3_S2
-"""The factor of one feature."""
+View: TypeAlias = tuple[int, int, Floats, float]
+"""Number of the frame, index of the side, px (2,) from its axis, size of a pixel there."""
+Factor: TypeAlias = gtsam.SmartProjectionRigFactorPinholePoseCal3_S2
+
+
+@dataclass(frozen=True)
+class Sight:
+    """One feature.
+
+    Attributes:
+        factor: of its views.
+        dof: of their residuals, its position being fitted.
+        now: whether the newest frame saw it.
+    """
+
+    factor: Factor
+    dof: float
+    now: bool
 
 
 def _sides() -> Rotations:
@@ -37,6 +54,7 @@ class Seen:
 
     Attributes:
         keys: (N,) features; sides: (N,) index of the side; points: (N, 2) px from its axis.
+        stretch: (N,) size there of a pixel of the image.
         directions: (N, 3) unit vectors in B.
         first: (N,) whether through the first camera.
     """
@@ -44,8 +62,14 @@ class Seen:
     keys: Stamps
     sides: Stamps
     points: Floats
+    stretch: Floats
     directions: Floats
-    first: Stamps
+    first: Mask
+
+    def views(self, frame: int) -> Iterator[tuple[int, View]]:
+        """Feature and view, one after the other, from a frame of this number."""
+        rows = zip(self.keys.tolist(), self.sides.tolist(), self.points, self.stretch.tolist(), strict=True)
+        return ((key, (frame, side, point, stretch)) for key, side, point, stretch in rows)
 
 
 class Sides:
@@ -65,7 +89,6 @@ class Sides:
             gtsam.LinearizationMode.HESSIAN, gtsam.DegeneracyMode.ZERO_ON_DEGENERACY
         )
         self._params.setRankTolerance(_RANK_TOLERANCE)
-        self._params.setDynamicOutlierRejectionThreshold(config.max_misfit)
 
     def see(self, observations: Observations) -> Seen:
         """Observations through the sides."""
@@ -74,21 +97,26 @@ class Sides:
         in_side = np.einsum("nij,ni->nj", self._R_CS[side], observations.bearings)
         focal = np.array([mount.camera.focal for mount in self._mounts])[observations.cameras]
         points = focal[:, None] * in_side[:, :2] / in_side[:, 2:]
+        stretch = np.sqrt(focal**2 / in_side[:, 2] ** 3 / self._pixels_by_solid_angle(observations))
         R_BC = np.stack([mount.R_BC for mount in self._mounts])[observations.cameras]
         directions = np.einsum("nij,nj->ni", R_BC, observations.bearings)
         sides = observations.cameras * len(self._R_CS) + side
-        return Seen(observations.keys, sides, points, directions, observations.cameras == 0)
+        return Seen(observations.keys, sides, points, stretch, directions, observations.cameras == 0)
 
-    def learn(self, sights: list[Sight], values: gtsam.Values) -> None:
-        """Learn the noise from how well features are explained, by what their positions leave of it."""
-        misfit = np.array([2.0 * sight.error(values) for sight in sights])
-        dof = np.array([2.0 * len(sight.measured()) - 3.0 for sight in sights])
-        self.noise.learn(misfit, dof)
+    def _pixels_by_solid_angle(self, observations: Observations) -> Floats:
+        """(N,) px^2 by steradian of the image at each observation."""
+        found = np.empty(len(observations))
+        for c, mount in enumerate(self._mounts):
+            mine = observations.cameras == c
+            bearings = observations.bearings[mine]
+            _, J = mount.camera.project_jacobian(bearings)
+            found[mine] = np.abs((so3.cross(J[:, 0], J[:, 1]) * bearings).sum(axis=1))
+        return found
 
-    def factor(self, views: Iterable[tuple[int, int, Floats]]) -> Sight:
-        """Of a feature that was seen from frames k through sides s at points p: (k, s, p) each."""
-        frames, sides, points = zip(*views, strict=True)
-        noise = gtsam.noiseModel.Isotropic.Sigma(2, self.noise.sigma)
-        factor: Sight = gtsam.SmartProjectionRigFactorPinholePoseCal3_S2(noise, self._rig, self._params)
+    def sight(self, views: Sequence[View], newest: int) -> Sight:
+        """Of a feature that has these views, in the order of the frames."""
+        frames, sides, points, stretch = zip(*views, strict=True)
+        noise = gtsam.noiseModel.Isotropic.Sigma(2, self.noise.sigma * float(np.mean(stretch)))
+        factor: Factor = gtsam.SmartProjectionRigFactorPinholePoseCal3_S2(noise, self._rig, self._params)
         factor.add(points, [X(k) for k in frames], sides)
-        return factor
+        return Sight(factor, 2.0 * len(views) - 3.0, views[-1][0] == newest)

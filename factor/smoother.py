@@ -23,7 +23,8 @@ from navcore.sequence import Frame, Tracks
 from navcore.stillness import image_motion, imu_is_quiet
 from navcore.vibration import WINDOW_S, noise_under_vibration
 
-GROUP = "navcore.odometry"
+GROUP, STARTER = "navcore.odometry", "msckf"
+"""The estimator whose first state it begins with."""
 _VELOCITY, _BIASES = slice(6, 9), slice(9, 15)
 
 
@@ -51,7 +52,7 @@ class Smoother:
         start: a state to start from, instead of finding one.
 
     Raises:
-        ConfigError: the rig has fewer cameras than the config asks for, or there is no such starter.
+        ConfigError: the rig has fewer cameras than the config asks for.
     """
 
     def __init__(
@@ -71,8 +72,8 @@ class Smoother:
         self._offset_ns = round(self._mounts[0].dt_cam_imu * 1e9)
         self._frontend = Frontend(self._mounts, self.config.tracker)
         self._observations: Observations | None = None
-        self._prior = Paced(prior or load_prior("none"))
-        self._new_starter = _starter(self.config.starter)
+        self._prior = Paced(prior or load_prior("none"), thinned=self.config.prior.mode == "modelled")
+        self._new_starter = _starter()
         self._window: Window | None = None
         self._last: LastPose | None = None
         self._begin_anew(start)
@@ -127,23 +128,29 @@ class Smoother:
         while (due := self._inbox.next(self._offset_ns, final=final)) is not None:
             if not due.covered:
                 estimates.append(Estimate(due.t_ns, Health.LOST, ("no IMU up to this frame",)))
-            elif self._window is None:
-                estimates.append(self._start(due.frame, due.t_ns))
             else:
-                estimates.append(self._follow(self._window, due.frame, due.t_ns))
+                estimates.append(self._process(due.frame, due.t_ns))
         return estimates
+
+    def _process(self, frame: Frame, t_ns: int) -> Estimate:
+        stages: dict[str, float] = {}
+        try:
+            if self._window is None:
+                return self._start(frame, t_ns, stages)
+            return self._follow(self._window, frame, t_ns, stages)
+        except (RuntimeError, np.linalg.LinAlgError) as error:  # so GTSAM says that something is not determined
+            return self._lose(t_ns, f"numerical failure ({str(error).strip().splitlines()[0]})", stages)
 
     # -- one frame -------------------------------------------------------------------------------------------------
 
-    def _start(self, frame: Frame, t_ns: int) -> Estimate:
+    def _start(self, frame: Frame, t_ns: int, stages: dict[str, float]) -> Estimate:
         """Let the starter have the frame; if it knows where it is, go on from there."""
-        stages: dict[str, float] = {}
         observations = self._observations = self._frontend.observe(frame, None, stages)
         if self._last is not None:
             cells = self._inbox.buffer.cells(self._last.t_ns, t_ns)
             self._last = self._last.turned(t_ns, cells, self._last_b_g, self.calibration.imu)
         with stage(stages, "start"):
-            (found,) = self._starter.add_frame(frame)
+            (found,) = self._starter.add_frame(frame) or self._starter.finish()
         self._prior.taken(t_ns)  # the starter has handed them to the source
         self._inbox.buffer.drop_before(t_ns - round(1e9 * WINDOW_S))
         state = found.state
@@ -152,33 +159,31 @@ class Smoother:
             return Estimate(t_ns, health, found.reasons, None, found.tracked, 0, stages)
         if self._last is not None:
             state = continued(state, self._last, self.config.health.max_speed)
-        error = _error(self._starter.prior, state) if self.config.prior.mode == "modelled" else None
-        c = self.config
-        self._window = Window(self._mounts, self.calibration.imu, c.window, c.prior, state, error, observations)
+        c, known = self.config, self._starter.prior
+        self._prior.latest = known.latest or self._prior.latest
+        told = _error(known, state), self._prior.latest
+        self._window = Window(self._mounts, self.calibration.imu, c.window, c.prior, state, *told, observations)
         self._note(state, t_ns)
         self._vision_ns = t_ns
         return Estimate(t_ns, Health.TRACKING, ("started",), state, len(observations), 0, stages)
 
-    def _follow(self, window: Window, frame: Frame, t_ns: int) -> Estimate:
+    def _follow(self, window: Window, frame: Frame, t_ns: int, stages: dict[str, float]) -> Estimate:
         assert self._t_ns is not None
-        stages: dict[str, float] = {}
         c = self.config.health
+        cells = self._inbox.buffer.cells(self._t_ns, t_ns)
+        gap_s = float(cells.bridged.sum())
+        if gap_s > c.lost_imu_gap_s:
+            self._observations = self._frontend.observe(frame, None, stages)
+            return self._lose(t_ns, f"IMU gap of {gap_s:.2f} s cannot be bridged", stages)
         with stage(stages, "integrate"):
-            cells = self._inbox.buffer.cells(self._t_ns, t_ns)
             samples = self._inbox.buffer.samples(t_ns - round(1e9 * WINDOW_S), t_ns)
             R_B1B0 = window.integrate(cells, noise_under_vibration(self.calibration.imu, *samples))
-        gap_s = float(cells.bridged.sum())
         observations = self._observations = self._frontend.observe(frame, R_B1B0, stages)
-        if gap_s > c.lost_imu_gap_s:
-            return self._lose(t_ns, f"IMU gap of {gap_s:.2f} s cannot be bridged", stages)
-        try:
-            with stage(stages, "prior"):
-                said = self._prior.said(t_ns)
-            with stage(stages, "solve"):
-                still = self._stands_still(observations, t_ns)
-                outcome = window.advance(observations, said, t_ns, still=still)
-        except (RuntimeError, np.linalg.LinAlgError) as error:  # GTSAM says so of what is not determined
-            return self._lose(t_ns, f"numerical failure ({str(error).strip().splitlines()[0]})", stages)
+        with stage(stages, "prior"):
+            said = self._prior.said(t_ns)
+        with stage(stages, "solve"):
+            still = self._stands_still(observations, t_ns)
+            outcome = window.advance(observations, said, t_ns, still=still)
         self._inbox.buffer.drop_before(t_ns - round(1e9 * max(WINDOW_S, self.config.stillness.window_s)))
         state = outcome.state
         lost = self._absurd(state)
@@ -191,7 +196,7 @@ class Smoother:
             reasons.insert(0, f"IMU gap of {gap_s:.3f} s")
         if outcome.refused > outcome.used:
             reasons.append(f"{outcome.refused} features refused")
-        if still or (outcome.used >= c.min_used and len(observations)):
+        if still or outcome.used >= c.min_used:
             self._vision_ns = t_ns
         blind_s = (t_ns - self._vision_ns) * 1e-9
         health = Health.TRACKING
@@ -235,7 +240,7 @@ class Smoother:
 
     def _lose(self, t_ns: int, why: str, stages: dict[str, float]) -> Estimate:
         tracked = 0 if self._observations is None else len(self._observations)
-        self._prior.said(t_ns)
+        self._prior.feed(t_ns)
         self._begin_anew()
         return Estimate(t_ns, Health.LOST, (why,), None, tracked, 0, stages)
 
@@ -254,18 +259,10 @@ def _error(known: PriorState, state: State) -> PriorError | None:
     return PriorError(known.c, gain, 0.5 * (rest + rest.T))
 
 
-def _starter(name: str) -> StarterFactory:
-    """The factory of an estimator by its name.
-
-    Raises:
-        ConfigError: it is unknown; the message lists the known ones.
-    """
-    known = {entry.name: entry for entry in entry_points(group=GROUP)}
-    if name not in known:
-        raise ConfigError(f"starter {name!r} is unknown; known are {', '.join(sorted(known))}")
-    factory: Callable[[Calibration, BiasPriorSource, Mapping[str, Any], TimedState | None], Starter] = known[
-        name
-    ].load()
+def _starter() -> StarterFactory:
+    """The filter, by its name: whoever imports this does not import that."""
+    (entry,) = entry_points(group=GROUP, name=STARTER)
+    factory: StarterFactory = entry.load()
     return factory
 
 

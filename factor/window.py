@@ -11,9 +11,10 @@ from factor.bias_prior import BiasFactors, PriorError
 from factor.border import error_from_gtsam, insert, state_of
 from factor.config import PriorConfig, WindowConfig
 from factor.inertia import Inertia
-from factor.sight import Seen, Sides, Sight
-from navcore.arrays import Floats, Rotations, Vectors
+from factor.sight import Seen, Sides, Sight, View
+from navcore.arrays import Floats, Mask, Rotations, Vectors
 from navcore.calibration import CameraMount
+from navcore.chi_square import chi_square_quantile
 from navcore.frontend import Observations
 from navcore.imu import ImuNoise
 from navcore.imu_buffer import Cells
@@ -26,7 +27,7 @@ _GAUGE_SIGMA = 1e-4  # rad, m: of what a start knows exactly, its own origin
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a frame did: the state there, and how many features had a part in it or were refused."""
+    """The state at a frame, and how many of the features that it saw had a part in it, or were refused."""
 
     state: State
     used: int
@@ -51,6 +52,7 @@ class Window:
         config, prior: settings.
         state: where it begins.
         error: the bias prior's constant error, if it is estimated.
+        said: the last measurement of the prior before that, if there was one.
         observations: of the frame there.
     """
 
@@ -62,19 +64,20 @@ class Window:
         prior: PriorConfig,
         state: State,
         error: PriorError | None,
+        said: BiasPrior | None,
         observations: Observations,
     ) -> None:
         self._config = config
         self._focal = mounts[0].camera.focal
         self._sides = Sides(mounts, config)
         self._inertia = Inertia(noise)
-        self.biases = BiasFactors(prior, noise, error)
+        self.biases = BiasFactors(prior, noise, error, said)
         self._values = gtsam.Values()
         insert(self._values, 0, state)
         self._before = _told(self._values, state)
-        self.biases.begin(self._values, self._before)
+        self.biases.begin(self._values, self._before, state.covariance[9:, 9:])
         self._between: dict[int, gtsam.NonlinearFactorGraph] = {}  # what the IMU says up to a keyframe
-        self._views: dict[int, list[tuple[int, int, Floats]]] = {}  # by feature: keyframe, side, px from its axis
+        self._views: dict[int, list[View]] = {}  # by feature, from the keyframes
         self._keyframes: list[_Keyframe] = []
         self._note(0)
         self._keep(0, self._sides.see(observations), still=False)
@@ -90,7 +93,7 @@ class Window:
         return self._keyframes[-1].k
 
     def integrate(self, cells: Cells, noise: ImuNoise) -> Rotations:
-        """Take the samples up to the next frame; returns the body's rotation, as what it takes vectors of before to."""
+        """Take the samples up to the next frame; returns R_B1B0, from the body at the last frame to the body now."""
         R_before = self._state.attitude().matrix()
         self._state = self._inertia.extend(cells, noise, self._state, self._bias)
         return np.asarray(self._state.attitude().matrix().T @ R_before)
@@ -113,6 +116,8 @@ class Window:
         self._values.insert(X(n), self._state.pose())
         self._values.insert(V(n), self._state.velocity())
         self._values.insert(B(n), self._bias)
+        if not still:
+            self._keyframes[-1].still = False  # it is not where the body stands still the next time
         rest = self._at_rest(n) if still else gtsam.NonlinearFactorGraph()
         covariance, used, refused = self._solve(self._inertial(n, rest), self._sights(n, seen))
         outcome = Outcome(state_of(self._values, n, covariance[:_STATE, :_STATE]), used, refused)
@@ -141,13 +146,13 @@ class Window:
 
     def _sights(self, n: int, seen: Seen) -> list[Sight]:
         """Of the features that were seen from keyframes, with what frame `n` saw."""
-        now: dict[int, list[tuple[int, int, Floats]]] = {}
-        for key, side, point in zip(seen.keys.tolist(), seen.sides.tolist(), seen.points, strict=True):
-            now.setdefault(key, []).append((n, side, point))
+        now: dict[int, list[View]] = {}
+        for key, view in seen.views(n):
+            now.setdefault(key, []).append(view)
         all_views = (views + now.get(key, []) for key, views in self._views.items())
-        return [self._sides.factor(views) for views in all_views if self._enough(views)]
+        return [self._sides.sight(views, n) for views in all_views if self._enough(views)]
 
-    def _enough(self, views: list[tuple[int, int, Floats]]) -> bool:
+    def _enough(self, views: list[View]) -> bool:
         return len(views) >= self._config.min_views and views[0][0] != views[-1][0]
 
     def _solve(self, inertial: gtsam.NonlinearFactorGraph, sights: list[Sight]) -> tuple[Floats, int, int]:
@@ -159,28 +164,38 @@ class Window:
         """
         ordering = self._ordering()
         for _ in range(self._config.iterations):
-            used = self._usable(sights)
+            found, nis, passed = self._tested(sights)
             graph = gtsam.NonlinearFactorGraph(inertial)
-            for sight in used:
-                graph.push_back(sight)
+            for sight, good in zip(found, passed, strict=True):
+                if good:
+                    graph.push_back(sight.factor)
             step, covariance = self._step(graph.linearize(self._values), ordering)
             self._values = self._values.retract(step)
             if step.norm() < self._config.settled:
                 break
-        self._sides.learn(used, self._values)
-        return covariance, len(used), sum(sight.isOutlier() for sight in sights)
+        found, nis, passed = self._tested(sights)
+        self._sides.noise.learn(nis, np.array([sight.dof for sight in found]))
+        now = np.array([sight.now for sight in found], dtype=bool)
+        return covariance, int((passed & now).sum()), int((~passed & now).sum())
 
-    def _usable(self, sights: list[Sight]) -> list[Sight]:
-        """Those whose point can be told, and is neither at the cameras nor too far away."""
-        found = [(sight, result.get()) for sight in sights if (result := sight.point(self._values)).valid()]
+    def _tested(self, sights: list[Sight]) -> tuple[list[Sight], Floats, Mask]:
+        """Those whose point can be told, neither at the body nor too far away, and whether it explains their views.
+
+        Returns:
+            Sights, what their points leave unexplained (normalised, squared), and whether that passes the test.
+        """
+        found = [(s, result.get()) for s in sights if (result := s.factor.point(self._values)).valid()]
         if not found:
-            return []
+            return [], np.zeros(0), np.zeros(0, dtype=bool)
         points = np.array([point for _, point in found])
         frames = [*(keyframe.k for keyframe in self._keyframes), self.newest + 1]
         poses = [self._values.atPose3(X(k)) for k in frames if self._values.exists(X(k))]
         distance = np.linalg.norm(points[:, None] - np.array([pose.translation() for pose in poses]), axis=2)
-        good = (distance.min(axis=1) > self._config.min_depth) & (distance.max(axis=1) < self._config.max_depth)
-        return [sight for (sight, _), fine in zip(found, good, strict=True) if fine]
+        there = (distance.min(axis=1) > self._config.min_depth) & (distance.max(axis=1) < self._config.max_depth)
+        kept = [sight for (sight, _), good in zip(found, there, strict=True) if good]
+        nis = np.array([2.0 * sight.factor.error(self._values) for sight in kept])
+        limit = chi_square_quantile(self._config.gate_probability, np.array([sight.dof for sight in kept]))
+        return kept, nis, np.asarray(nis <= limit)
 
     def _ordering(self) -> gtsam.Ordering:
         """All states, the newest last, then the prior's error."""
@@ -244,8 +259,8 @@ class Window:
         first = seen.first
         directions = dict(zip(seen.keys[first].tolist(), seen.directions[first], strict=True))
         self._keyframes.append(_Keyframe(k, directions, still))
-        for key, side, point in zip(seen.keys.tolist(), seen.sides.tolist(), seen.points, strict=True):
-            self._views.setdefault(key, []).append((k, side, point))
+        for key, view in seen.views(k):
+            self._views.setdefault(key, []).append(view)
         self._inertia.begin(self.biases.integrated_at(self._values.atConstantBias(B(k))))
         self.biases.keyframe(k)
 
@@ -262,10 +277,10 @@ class Window:
         for key, views in list(self._views.items()):
             if views[0][0] != k:
                 continue
-            used = self._usable([self._sides.factor(views)] if self._enough(views) else [])
-            spent = len(used) > 0
-            for sight in used:
-                graph.push_back(sight)
+            sights, _, passed = self._tested([self._sides.sight(views, k)] if self._enough(views) else [])
+            spent = bool(passed.any())
+            if spent:
+                graph.push_back(sights[0].factor)
             kept = [] if spent else [view for view in views if view[0] != k]
             if kept:
                 self._views[key] = kept

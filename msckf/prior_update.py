@@ -42,8 +42,7 @@ class PriorUpdate:
         self.source = source
         self.config = config
         self._noise = noise
-        self._paced = Paced(source)
-        self._last_ns: int | None = None
+        self._paced = Paced(source, thinned=config.mode == "modelled")
         self._surprises = 0
         self._before_start: list[BiasPrior] = []
         self.nis: float | None = None  # of this frame's last measurement, before weighting
@@ -64,7 +63,7 @@ class PriorUpdate:
         sigma = np.repeat([config.gyro_bias_sigma, config.accel_bias_sigma], 3)
         wide = BiasPrior(t_ns, np.zeros(3), np.zeros(3), np.diag(sigma**2))
         device = self.source.device() or wide
-        self._before_start += self._thinned(self._paced.said(t_ns))
+        self._before_start += self._paced.said(t_ns)
         constant = self.source.constant_covariance if self.models_error else np.zeros((6, 6))
         mean = np.concatenate([device.vector, np.zeros(6)])
         b, c = slice(0, 6), slice(6, 12)  # biases, and the error of the prior
@@ -102,7 +101,7 @@ class PriorUpdate:
         """Apply what the source has to say by IMU time `t_ns`; returns findings for `Health`."""
         findings: tuple[str, ...] = ()
         self.nis = None
-        for z in self._thinned(self._paced.said(t_ns)):
+        for z in self._paced.said(t_ns):
             self.applied += 1
             if self.config.mode == "plain":
                 self._plain(state, z)
@@ -121,21 +120,11 @@ class PriorUpdate:
     def known(self, state: FilterState | None) -> PriorState:
         """What is known of the source by now."""
         if state is None or state.c is None:
-            return PriorState(self.applied, self._last_nis)
+            return PriorState(self.applied, self._last_nis, latest=self._paced.latest)
         covariance = state.covariance[state.prior_error, state.prior_error]
         with_biases = state.covariance[state.prior_error, BIASES]
-        return PriorState(self.applied, self._last_nis, state.c.copy(), covariance.copy(), with_biases.copy())
-
-    def _thinned(self, measurements: list[BiasPrior]) -> list[BiasPrior]:
-        """In the modelled mode, at most one measurement per window."""
-        if self.config.mode == "plain":
-            return measurements
-        kept = []
-        for z in measurements:
-            if self._last_ns is None or z.t_ns - self._last_ns >= self.source.window_s * 1e9 - 1e6:
-                self._last_ns = z.t_ns
-                kept.append(z)
-        return kept
+        c, latest = state.c.copy(), self._paced.latest
+        return PriorState(self.applied, self._last_nis, c, covariance.copy(), with_biases.copy(), latest)
 
     def _noise_of(self, z: BiasPrior) -> Floats:
         """(6, 6): the measurement's own; a fixed one in the plain mode."""

@@ -66,6 +66,7 @@ class PriorState:
         c: (6,) the prior's constant error, of b_g [rad/s] and b_a [m/s^2]; covariance: (6, 6) of it; None where it is
             not estimated.
         with_biases: (6, 6) covariance of c (rows) with the biases (columns), likewise.
+        latest: the last measurement that counted, before a start too.
     """
 
     applied: int
@@ -73,6 +74,7 @@ class PriorState:
     c: Floats | None = None
     covariance: Floats | None = None
     with_biases: Floats | None = None
+    latest: "BiasPrior | None" = None
 
 
 class BiasPriorSource(Protocol):
@@ -99,10 +101,17 @@ class BiasPriorSource(Protocol):
 
 
 class Paced:
-    """A source that gets its samples when the frames come to them, however far ahead they are fed."""
+    """A source that gets its samples when the frames come to them, however far ahead they are fed.
 
-    def __init__(self, source: BiasPriorSource) -> None:
+    Args:
+        source: which.
+        thinned: whether of measurements that share samples only the first counts, one a window.
+    """
+
+    def __init__(self, source: BiasPriorSource, *, thinned: bool) -> None:
         self.source = source
+        self.latest: BiasPrior | None = None  # of all that counted
+        self._thinned = thinned
         self._waiting: deque[ImuSamples] = deque()
 
     def add_imu(self, samples: ImuSamples) -> None:
@@ -110,10 +119,20 @@ class Paced:
         self._waiting.append(samples)
 
     def said(self, t_ns: int) -> list[BiasPrior]:
-        """What the source says of the samples up to `t_ns`."""
+        """What the source says of the samples up to `t_ns`, as far as it counts."""
+        self.feed(t_ns)
+        kept = []
+        for z in self.source.poll(t_ns):
+            apart = self.latest is None or z.t_ns - self.latest.t_ns >= self.source.window_s * 1e9 - 1e6
+            if apart or not self._thinned:
+                self.latest = z
+                kept.append(z)
+        return kept
+
+    def feed(self, t_ns: int) -> None:
+        """Let the source have the samples up to `t_ns`."""
         for samples in self.taken(t_ns):
             self.source.add_imu(samples)
-        return self.source.poll(t_ns)
 
     def taken(self, t_ns: int) -> list[ImuSamples]:
         """The samples up to `t_ns`, which wait no longer."""

@@ -52,7 +52,7 @@ def test_repeated_measurements_never_know_more_than_the_priors_error_allows():
     error = PriorError(np.zeros(6), np.zeros((6, 6)), np.diag(sigma_c**2))
     factors, values, start = BiasFactors(PriorConfig(student_dof=1e9), NOISE, error), at([0] * 3, [0] * 3), 1e3
     graph = gtsam.NonlinearFactorGraph()
-    factors.begin(values, graph)
+    factors.begin(values, graph, np.eye(6) * start**2)
     graph.push_back(
         gtsam.PriorFactorConstantBias(B(0), bias_of(*np.zeros((2, 3))), gtsam.noiseModel.Isotropic.Sigma(6, start))
     )
@@ -73,7 +73,7 @@ def test_what_the_start_knew_of_both_is_kept():
     c = np.array([0.01, 0.0, -0.01, 0.1, 0.0, -0.1])
     factors = BiasFactors(PriorConfig(), NOISE, PriorError(c, gain, P_cc - gain @ P_cb.T))
     values, graph = at([0.01] * 3, [0.1] * 3), gtsam.NonlinearFactorGraph()
-    factors.begin(values, graph)
+    factors.begin(values, graph, P_bb)
     noise = gtsam.noiseModel.Gaussian.Covariance(swapped(P_bb))
     graph.push_back(gtsam.PriorFactorConstantBias(B(0), values.atConstantBias(B(0)), noise))
     joint = gtsam.Marginals(graph, values).jointMarginalCovariance([B(0), C(0)])
@@ -109,3 +109,12 @@ def test_samples_may_be_integrated_at_what_was_said():
         np.testing.assert_array_equal(factors.integrated_at(estimate).vector(), np.zeros(6))
         factors.hear([B_HAT], 0, at([0] * 3, [0] * 3), 0)
         np.testing.assert_array_equal(swapped(factors.integrated_at(estimate).vector()), expected)
+
+
+def test_the_first_measurement_after_a_start_is_no_surprise_that_the_start_explains():
+    factors, values = BiasFactors(PriorConfig(), NOISE, None), at([0] * 3, [0] * 3)
+    factors.begin(values, gtsam.NonlinearFactorGraph(), np.eye(6) * 0.3**2)
+    z = BiasPrior(0, np.zeros(3), np.full(3, 0.3), np.eye(6) * 0.02**2)
+    factors.hear([z], 0, values, 0)
+    weight = np.linalg.norm(factors.graph().at(0).linearize(values).jacobian()[0], ord=2)
+    assert weight == pytest.approx(1.0 / 0.02)

@@ -44,8 +44,8 @@ def test_exact_views_of_both_cameras_fit_one_point():
         for c, m in enumerate(TWO):
             in_camera = m.R_BC.T @ (R.T @ (p_WF - p) - m.p_BC)
             seen = sides.see(observations(in_camera[None], c))
-            views.append((k, int(seen.sides[0]), seen.points[0]))
-    sight = sides.factor(views)
+            views += [view for _, view in seen.views(k)]
+    sight = sides.sight(views, 3).factor
     found = sight.point(values)
     assert found.valid()
     np.testing.assert_allclose(found.get(), p_WF, atol=1e-6)
@@ -54,20 +54,12 @@ def test_exact_views_of_both_cameras_fit_one_point():
     assert sight.error(values) > 0.5
 
 
-def test_the_noise_is_learned_from_misfits():
-    sides, values = Sides(TWO[:1], WindowConfig()), gtsam.Values()
-    R_WB, p_WB = poses(K=8)
-    for k, (R, p) in enumerate(zip(R_WB, p_WB, strict=True)):
-        values.insert(X(k), gtsam.Pose3(gtsam.Rot3(R), p))
-    rng = np.random.default_rng(0)
-    m, points = TWO[0], R_WB[3] @ np.array([5.0, 0.0, 0.0]) + p_WB[3] + rng.uniform(-1.0, 1.0, (40, 3))
-    for _ in range(60):
-        sights = []
-        for p_WF in points:
-            views = []
-            for k, (R, p) in enumerate(zip(R_WB, p_WB, strict=True)):
-                q = m.R_BC.T @ (R.T @ (p_WF - p) - m.p_BC)
-                views.append((k, 0, m.camera.focal * q[:2] / q[2] + 0.7 * rng.standard_normal(2)))
-            sights.append(sides.factor(views))
-        sides.learn([sight for sight in sights if sight.point(values).valid()], values)
-    assert sides.noise.sigma == pytest.approx(0.7, rel=0.1)
+def test_the_size_of_a_pixel_there_is_that_of_the_lens():
+    """Against bearings of neighbouring pixels, at the middle and towards the edge of both lenses."""
+    sides = Sides(TWO, WindowConfig())
+    for c, m in enumerate(TWO):
+        for uv in ([250.0, 250.0], [420.0, 90.0]):
+            corners = np.array([uv, [uv[0] + 1e-3, uv[1]], [uv[0], uv[1] + 1e-3]])
+            seen = sides.see(observations(m.camera.unproject(corners), c))
+            a, b = (seen.points[1:] - seen.points[0]) / 1e-3
+            assert seen.stretch[0] == pytest.approx(np.sqrt(abs(a[0] * b[1] - a[1] * b[0])), rel=1e-3)

@@ -1,6 +1,7 @@
 """The smoother over flights in points mode: accuracy, what leaves the window, trouble, the prior."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import gtsam
 import numpy as np
@@ -14,8 +15,9 @@ from factor.smoother import make
 from factor.window import Window
 from navcore.errors import ConfigError, InputError
 from navcore.odometry import Health, State, TimedState, run
-from navcore.prior import BiasPrior, load_prior
+from navcore.prior import BiasPrior, Paced, load_prior
 from navcore.priors.listed import ListedPrior
+from navcore.sequence import Frame, Tracks
 from sim.points import simulate_points
 from tests.msckf.flights import seconds, states, without_imu
 
@@ -135,13 +137,62 @@ def test_short_gaps_are_bridged_and_said(flight):
     assert not any(e.health is Health.LOST for e in result.estimates)
 
 
-def test_standing_still_is_seen(flight):
-    assert any("standing still" in e.reasons for e in result_of_start(flight).estimates)
+def test_standing_still_is_seen_and_holds_it(flight):
+    """A quadrotor stands on the ground first; without its noise it is known to stand better than vision tells."""
+    still = flight.span(0.0, 1.9)
+    result = smooth(still)
+    assert sum("standing still" in e.reasons for e in result.estimates) > 10
+    assert np.linalg.norm(result.trajectory.v_WB[-1]) < 0.01
+    assert result.sigmas[-1, 2].max() < 0.01
 
 
-def result_of_start(flight):
-    """A quadrotor stands on the ground first."""
-    return smooth(flight.span(0.0, 2.5))
+def test_a_second_standstill_is_not_where_the_first_was():
+    """Still, then moved a little, then still again: the pose is not tied to that of the first."""
+    window = SmootherConfig().window
+    keyframes = [SimpleNamespace(k=0, directions={}, still=True)]
+    stub = SimpleNamespace(_config=window, _keyframes=keyframes, newest=0)
+    assert Window._at_rest(stub, 1).size() == 2
+    keyframes[0].still = False  # as a frame that does not stand still leaves it
+    assert Window._at_rest(stub, 1).size() == 1
+    assert Window._is_keyframe(stub, None, still=True)
+
+
+@pytest.mark.parametrize("noise", [1.0, 3.0])
+def test_noisy_features_are_used_and_their_noise_is_learned(noise):
+    sequence = simulate_points(seed=4, seconds=5.0, pixel_noise=noise)
+    vio = Smoother(sequence.calibration, start=told(sequence, 1e-3))
+    result = run(vio, sequence)
+    assert vio._window._sides.noise.sigma == pytest.approx(noise, rel=0.2)
+    assert np.median([e.used for e in result.estimates[60:]]) > 60
+    assert position_errors(result, sequence).max() < 0.02 * noise
+
+
+def test_features_that_a_frame_does_not_see_are_no_vision(flight):
+    """One stray feature in an otherwise blind frame corrects nothing."""
+    t = np.array([f.t_ns - flight.frames[0].t_ns for f in flight.frames]) * 1e-9
+    stray = {0: Tracks(np.array([10**6]), np.array([[300.0, 200.0]]))}
+    frames = [f if s < 5.0 else Frame(f.t_ns, tracks=stray) for f, s in zip(flight.frames, t, strict=True)]
+    result = smooth(replace(flight, frames=frames).span(0.0, 7.0))
+    after = [e for e, s in zip(result.estimates, t, strict=False) if s > 5.7]
+    assert {e.health for e in after} == {Health.INERTIAL_ONLY} and max(e.used for e in after) == 0
+
+
+def test_of_measurements_that_share_samples_one_a_window_counts(flight):
+    t_ns = np.arange(flight.imu.t_ns[0] + 10**9, flight.imu.t_ns[-1], 10**8)
+    priors = [BiasPrior(int(t), np.zeros(3), np.zeros(3), np.eye(6)) for t in t_ns]
+    counted = {}
+    for mode in ("modelled", "plain"):
+        paced = Paced(ListedPrior(priors, None, 1.0, np.zeros((6, 6))), thinned=mode == "modelled")
+        paced.add_imu(flight.imu)
+        counted[mode] = len(paced.said(int(flight.imu.t_ns[-1])))
+    assert counted["plain"] > len(priors) - 10 and counted["modelled"] == pytest.approx(len(priors) / 10, abs=1.0)
+
+
+def test_what_ends_before_it_starts_ends_well(flight):
+    brief = flight.span(0.0, 0.3)
+    short = replace(brief, imu=brief.imu.between(0, brief.frames[-1].t_ns - 4_000_000))
+    result = smooth(short)
+    assert [e.health for e in result.estimates] == [Health.INITIALISING] * len(brief.frames)
 
 
 @pytest.mark.parametrize("settings", [{}, {"prior__mode": "plain"}, {"prior__preintegration": "prior"}])
@@ -178,5 +229,3 @@ def test_it_is_made_by_name_and_unknown_things_are_named(flight):
         make(flight.calibration, load_prior("none"), {"cameras": 3})
     with pytest.raises(ConfigError, match="'lens'"):
         make(flight.calibration, load_prior("none"), {"lens": 3})
-    with pytest.raises(ConfigError, match="starter 'nobody' is unknown"):
-        make(flight.calibration, load_prior("none"), {"starter": "nobody"})
