@@ -207,7 +207,7 @@ def test_the_command_runs_the_filter_and_shows_both_tables(root, tmp_path, sched
     monkeypatch.setattr("sys.argv", ["python -m eval", *run_it, str(out), "--config.vision.no-fej"])
     assert main() == 0
     told = capsys.readouterr().out
-    assert "unpack it" in told and "EuRoC: 1 camera, prior none" in told and "OpenVINS mono" in told
+    assert "unpack it" in told and "EuRoC: msckf, 1 camera, prior none" in told and "OpenVINS mono" in told
     (row,) = pd.read_csv(out / "table.csv").itertuples()
     assert row.state == DIVERGED and row.frames > 0  # the filter finds nothing in noise
     monkeypatch.setattr("sys.argv", ["python -m eval", *run_it, str(out), "--prior", "nobody"])

@@ -26,6 +26,7 @@ POSE_ONLY = {
 EVERYTHING = {
     "vision.landmarks": 40,
     "calibration.extrinsics": True,
+    "calibration.rotation_sigma": 0.002,  # rad; beyond 3 mrad updates are iterated, and what is tried out is heard too
     "calibration.time_offset": True,
     "calibration.intrinsics": True,
 }
