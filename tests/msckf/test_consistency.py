@@ -124,6 +124,19 @@ def test_innovations_of_vision_and_prior_are_as_large_as_they_should_be():
         assert MEAN_PER_DOF[0] < verdict.mean_per_dof[0] < MEAN_PER_DOF[1]
 
 
+def flight_without_first_estimates(seed):
+    sequence = calibrated(simulate_points(seed=seed, seconds=60.0), seed)
+    return nees(fly(sequence, vision__fej=False), sequence.truth, skip_s=TAKE_OFF_S)
+
+
+@pytest.mark.xfail(reason="consistent since all of one frame is linearised at the same: docs/filter.md, section 1")
+def test_without_first_estimates_yaw_is_overconfident():
+    verdict = judge(over_seeds(flight_without_first_estimates, SEEDS[:30]))
+    print(f"\n{verdict}")
+    assert of_block(verdict, "dtheta")
+    assert verdict.mean_per_dof[0] > 1.3
+
+
 # -- a prior that is wrong by a constant, and repeats its noise -------------------------------------------------
 
 WINDOW_S, EVERY_S = 5.0, 0.5
@@ -163,7 +176,10 @@ def test_a_prior_is_consistent_as_modelled_and_overconfident_as_plain():
     sigmas = {arm: np.mean([f[arm][1] for f in flights], axis=0) for arm in flights[0]}
     for arm, verdict in verdicts.items():
         print(f"\n{arm}: sigma at the end {sigmas[arm][0]:.2e} rad/s, {sigmas[arm][1]:.2e} m/s^2\n{verdict}")
-    for arm in ("none", "modelled"):  # a start at rest knows the gyro's bias better than it dares to say
-        assert verdicts[arm].mean_per_dof[3:].max() < MEAN_PER_DOF[1]
     assert of_block(verdicts["plain"], "db_a")
     assert verdicts["plain"].mean_per_dof[4] > 1.3
+    both = verdicts["none"], verdicts["modelled"]
+    assert max(v.mean_per_dof[3:].max() for v in both) < MEAN_PER_DOF[1]
+    if min(v.mean_per_dof[3] for v in both) <= MEAN_PER_DOF[0]:
+        pytest.xfail("b_g is stated too carefully, with and without a prior: a start at rest doubts that it is still")
+    assert not any(of_block(v, "db_g", "db_a") for v in both)
