@@ -7,10 +7,8 @@ from gtsam.symbol_shorthand import B, V, X
 from navcore import so3
 from navcore.arrays import Vectors
 from navcore.imu import GRAVITY, ImuNoise
-from navcore.imu_buffer import Cells
+from navcore.imu_buffer import GAP_ACCEL_DENSITY, GAP_GYRO_DENSITY, Cells
 
-_GAP_GYRO_DENSITY = 0.1  # rad/s/sqrt(Hz), where no sample covers the time
-_GAP_ACCEL_DENSITY = 0.5  # m/s^2/sqrt(Hz)
 _INTEGRATION = 1e-8  # m^2/s, of positions: keeps the covariance of a short stretch regular
 
 
@@ -45,8 +43,8 @@ class Inertia:
         forces = _turned_half(cells, bias)
         for dt, gyro, accel, bridged in zip(cells.dt, cells.gyro, forces, cells.bridged, strict=True):
             uncovered = bridged / dt
-            gyro_density = noise.gyroscope_noise_density**2 + uncovered * _GAP_GYRO_DENSITY**2
-            accel_density = noise.accelerometer_noise_density**2 + uncovered * _GAP_ACCEL_DENSITY**2
+            gyro_density = noise.gyroscope_noise_density**2 + uncovered * GAP_GYRO_DENSITY**2
+            accel_density = noise.accelerometer_noise_density**2 + uncovered * GAP_ACCEL_DENSITY**2
             self._params.setGyroscopeCovariance(gyro_density * np.eye(3))
             self._params.setAccelerometerCovariance(accel_density * np.eye(3))
             self._measured.integrateMeasurement(accel, gyro, dt)

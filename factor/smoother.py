@@ -76,6 +76,7 @@ class Smoother:
         self._new_starter = _starter()
         self._window: Window | None = None
         self._last: LastPose | None = None
+        self._last_b_g = np.zeros(3)
         self._begin_anew(start)
 
     def _begin_anew(self, start: TimedState | None = None) -> None:

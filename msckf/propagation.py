@@ -8,14 +8,12 @@ from msckf.blocks import ACCEL_BIAS, BIASES, GYRO_BIAS, MOTION, POSITION, THETA,
 from navcore import so3
 from navcore.arrays import Floats, Rotations, Vectors
 from navcore.imu import GRAVITY, ImuNoise
-from navcore.imu_buffer import Cells
+from navcore.imu_buffer import GAP_ACCEL_DENSITY, GAP_GYRO_DENSITY, Cells
 
 G_W = np.array([0.0, 0.0, -GRAVITY])
 """Gravity in W [m/s^2]."""
 
 # What is assumed about the motion that no sample covers, as white noise over the gap.
-_GAP_GYRO_DENSITY = 0.1  # rad/s/sqrt(Hz)
-_GAP_ACCEL_DENSITY = 0.5  # m/s^2/sqrt(Hz)
 
 
 @dataclass(frozen=True)
@@ -121,8 +119,8 @@ def integrate(cells: Cells, b_g: Vectors, b_a: Vectors, noise: ImuNoise) -> Incr
         to_end[k] = to_end[k + 1] @ F[k]
 
     from_middle = to_end[1:] @ F[n:]  # the second half's transition is the first half's, to first order
-    gyro_density = noise.gyroscope_noise_density**2 * dt + _GAP_GYRO_DENSITY**2 * cells.bridged
-    accel_density = noise.accelerometer_noise_density**2 * dt + _GAP_ACCEL_DENSITY**2 * cells.bridged
+    gyro_density = noise.gyroscope_noise_density**2 * dt + GAP_GYRO_DENSITY**2 * cells.bridged
+    accel_density = noise.accelerometer_noise_density**2 * dt + GAP_ACCEL_DENSITY**2 * cells.bridged
     root = np.empty((n, 15))
     root[:, THETA] = np.sqrt(gyro_density)[:, None]
     root[:, POSITION] = 0.0

@@ -9,6 +9,10 @@ from navcore.arrays import Floats, Stamps, Vectors
 from navcore.errors import InputError
 from navcore.imu import ImuSamples
 
+GAP_GYRO_DENSITY = 0.1
+"""rad/s/sqrt(Hz), of the rate where no sample covers the time."""
+GAP_ACCEL_DENSITY = 0.5
+"""m/s^2/sqrt(Hz), likewise of the specific force."""
 _GAP = 1.5  # sampling intervals from one stamp to the next that count as a gap
 
 
