@@ -83,7 +83,7 @@ def compare(
 
 
 def study(
-    preset: Literal["quick", "standard", "full"] = "quick",
+    preset: Literal["quick", "standard", "full", "ablation"] = "quick",
     out: Path | None = None,
     seeds: int | None = None,
     rendered_seeds: int | None = None,
@@ -114,6 +114,7 @@ def benchmark(
     spec: str = "v1",
     cell: tyro.conf.UseAppendAction[tuple[str, ...]] = (),
     prior: tyro.conf.UseAppendAction[tuple[str, ...]] = (),
+    ablation: bool = False,
     out: Path | None = None,
     scheduler: str | None = None,
     workers: int | None = None,
@@ -125,6 +126,8 @@ def benchmark(
         spec: the benchmark, by name or the path of its file.
         cell: which cells, by name or pattern such as `low_light-*`, again for more; all without it.
         prior: further arms beside `none` and, where truth has biases, `truth`: `constant:FILE.json`; again for more.
+        ablation: filter and smoother with all arms of the ablation, for each recording, which must have the name of the
+            public one that it is or replays, from weights that were made without it.
         out: its folder, results/SPEC by default; a study that was stopped goes on there.
         scheduler: address of a Dask scheduler; a local cluster is started without one.
         workers: processes of the local cluster, one for each core by default.
@@ -134,7 +137,7 @@ def benchmark(
 
     chosen = Spec.load(spec)
     folder = out or Path("results") / chosen.name
-    plan, left_out = Benchmark(chosen, recordings, cell, prior).study(folder)
+    plan, left_out = Benchmark(chosen, recordings, cell, prior, ablation).study(folder)
     for line in left_out:
         _console().print(line, markup=False, highlight=False)
     return _run(plan, folder, scheduler, workers)

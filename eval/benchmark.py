@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from eval.arms import BASE, Arm
-from eval.cells import Cell, Study
+from eval.arms import BASE, ESTIMATORS, Arm, told_all
+from eval.cells import Cell, Kind, Study
 from eval.errors import StudyError
 from eval.kept import kept
+from eval.regimes import kind_of
 from eval.sources import Degraded, Recording
+from eval.unseen import unseen_sources
 from eval.work import resolved
 from navcore.prior import load_prior
 from navcore.readers import open_sequence
@@ -34,12 +36,15 @@ class Benchmark:
         recordings: where they are; with six or more, differences between arms get an interval.
         patterns: of the cells (`low_light-*`); all without any. The clean recording is always among them.
         priors: arms beside `none` and, where truth knows the biases, `truth`; as `load_prior` takes them.
+        ablation: all arms of the ablation instead, for each recording from what was made without it, and both
+            estimators; recordings that all weights have seen are left out.
     """
 
     spec: Spec
     recordings: tuple[Path, ...]
     patterns: tuple[str, ...] = ()
     priors: tuple[str, ...] = ()
+    ablation: bool = False
 
     def study(self, workspace: Path) -> tuple[Study, tuple[str, ...]]:
         """The study, and a line for each cell that does not fit its recording and is left out.
@@ -68,9 +73,16 @@ class Benchmark:
             for arm in extra:
                 load_prior(resolved(arm.prior, workspace), sequence)  # a wrong one is said before anything runs
             arms = (Arm(BASE, "none"), *([Arm("truth", "truth")] if _knows_biases(sequence) else []), *extra)
+            if self.ablation:
+                unseen = unseen_sources(clean.name, workspace, _knows_biases(sequence))
+                if unseen is None:
+                    left_out.append(f"{clean.name} is left out: no weights have not seen it")
+                    continue
+                arms = told_all(unseen)
             for step, degrade in self._fitting(steps, sequence, clean.name, left_out):
                 source = Degraded(clean, degrade, self.spec.seed) if degrade else clean
-                cells += [step.cell(source, number, arm) for arm in arms]
+                for estimator in ESTIMATORS if self.ablation else ESTIMATORS[:1]:
+                    cells += [step.cell(source, number, arm, estimator) for arm in arms if arm.is_for(estimator)]
         if not cells:
             raise StudyError(f"nothing to run on {len(names)} recordings: {'; '.join(left_out)}")
         return Study(f"Benchmark {self.spec.name}", tuple(cells), BASE), tuple(left_out)
@@ -89,9 +101,9 @@ class Benchmark:
                 left_out.append(f"{name}, {step.condition} is left out: {error}")
                 continue
             if schedule.degradations and step.regime not in begun:
-                yield replace(step, condition=_CLEAN, level=None if step.level is None else 0.0), ""
+                yield replace(step, condition=_CLEAN, level=None if step.level is None else 0.0, kind="clean"), ""
             begun.add(step.regime)
-            yield step, str(schedule)
+            yield replace(step, kind=kind_of(schedule.degradations)), str(schedule)
 
     def _step(self, cell: str) -> "_Step":
         """Where a cell stands in the report: a regime is a kind in a place."""
@@ -116,11 +128,12 @@ class _Step:
     condition: str
     level: float | None = None
     axis: str = ""
+    kind: Kind = "other"
 
-    def cell(self, source: Recording | Degraded, number: int, arm: Arm) -> Cell:
+    def cell(self, source: Recording | Degraded, number: int, arm: Arm, estimator: str) -> Cell:
         """The cell of a study for one recording and arm."""
         names = ("recordings", self.regime, self.condition, number, arm.name, arm.prior)
-        return Cell(source, *names, self.level, self.axis)
+        return Cell(source, *names, self.level, self.axis, estimator, arm.overrides, self.kind)
 
 
 def _knows_biases(sequence: Sequence) -> bool:

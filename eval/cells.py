@@ -5,12 +5,15 @@ import json
 from dataclasses import dataclass, fields, is_dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 from eval.errors import StudyError
-from eval.versions import with_priors
+from eval.versions import of_cell
 from navcore.prior import split_prior
 from navcore.sequence import Sequence
+
+Kind = Literal["clean", "degraded", "other"]
+_PACE = {"factor": 4.0}  # CPU time of an estimator over the filter's, which sources know
 
 
 @dataclass(frozen=True)
@@ -20,7 +23,7 @@ class Cost:
     Attributes:
         make_s: once, to render it.
         load_s: each time that cells of it are run.
-        run_s: each of these cells.
+        run_s: each of these cells, of the filter.
     """
 
     make_s: float
@@ -64,6 +67,7 @@ class Cell:
         axis: name of that axis.
         estimator: an entry point of the group `navcore.odometry`, or `module:function`.
         overrides: settings of the estimator by dotted name.
+        kind: what the study's headline counts it as: clean vision, or one of those in which a prior should matter.
     """
 
     source: Source
@@ -77,6 +81,12 @@ class Cell:
     axis: str = ""
     estimator: str = "msckf"
     overrides: tuple[tuple[str, Any], ...] = ()
+    kind: Kind = "other"
+
+    @property
+    def cost_s(self) -> float:
+        """CPU seconds that it takes once its recording is loaded."""
+        return self.source.cost.run_s * _PACE.get(self.estimator, 1.0)
 
     @property
     def priors(self) -> tuple[str, ...]:
@@ -104,13 +114,13 @@ class Cell:
         """Name of the cell's result: a hash of what decides it and of the versions that it is made with.
 
         Cells that ask the same of the same recording in different regimes share their result. Of the versions of
-        priors only its own count: what is trained anew changes no result of another arm.
+        estimators and priors only its own count: what is trained anew changes no result of another arm.
 
         Raises:
             StudyError: the cell holds something that JSON cannot.
         """
         try:
-            own = with_priors(versions, self.priors)
+            own = of_cell(versions, self.estimator, self.priors)
             text = json.dumps({"work": self.work, "versions": own}, sort_keys=True, allow_nan=False)
         except (TypeError, ValueError) as error:
             raise StudyError(f"cell '{self.title}' cannot be named: {error}") from error

@@ -1,13 +1,25 @@
-"""Studies that are chosen beforehand: `quick`, `standard` and `full`; docs/study.md says why these cells."""
+"""Studies that are chosen beforehand; docs/study.md says why these cells."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from eval.arms import BASE, Arm, told, write_device
+from eval.arms import BASE, ESTIMATORS, Arm, Sources, Told, told, told_all, told_joined, weighed, write_device
 from eval.cells import Cell, Source, Study
 from eval.errors import StudyError
-from eval.regimes import OUTAGES_S, Condition, Regime, Setting, difficulties, graded, grades, outage, start_in_motion
+from eval.regimes import (
+    LYING,
+    OUTAGES_S,
+    POOREST,
+    Condition,
+    Regime,
+    Setting,
+    difficulties,
+    graded,
+    grades,
+    outage,
+    start_in_motion,
+)
 from eval.sources import rendered
 from sim.degrade.schedule import GRADED
 from sim.platforms import PLATFORMS
@@ -26,12 +38,14 @@ class Block:
         platforms: of whom.
         images: rendered flights; otherwise points.
         chance: the base runs a second time with other noise, to show what chance does; with points only.
+        told: the arms, instead of the preset's.
     """
 
     regime: Regime
     platforms: tuple[str, ...] = ("quadrotor",)
     images: bool = False
     chance: bool = False
+    told: Told | None = None
 
 
 @dataclass(frozen=True)
@@ -43,14 +57,16 @@ class Preset:
         blocks: what is asked of whom.
         seeds: flights of a condition in points mode, seeds 1 to this; six are the fewest that give an interval.
         rendered_seeds: the same for rendered ones; 0 renders none.
-        joined: the arms that join what others are told run too.
+        told: the arms.
+        estimators: each runs every cell.
     """
 
     name: str
     blocks: tuple[Block, ...]
     seeds: int
     rendered_seeds: int
-    joined: bool = True
+    told: Told = told_joined
+    estimators: tuple[str, ...] = ("msckf",)
 
     def study(self, workspace: Path) -> Study:
         """The cells; the files of the arm `constant` are put in `workspace`.
@@ -70,14 +86,17 @@ class Preset:
         for platform in block.platforms:
             for seed in range(1, (self.rendered_seeds if block.images else self.seeds) + 1):
                 for condition in block.regime.conditions:
-                    arms = told(platform, devices[condition.setting.imu], self.joined)
+                    arms = (block.told or self.told)(Sources.simulated(platform, devices[condition.setting.imu]))
                     chance = (Arm(f"{BASE}, reseeded", "none", noise_seed=_OTHER_NOISE),) if block.chance else ()
-                    yield from _run(block, platform, seed, condition, (*arms, *chance))
+                    for estimator in self.estimators:
+                        yield from _run(block, platform, seed, condition, estimator, (*arms, *chance))
 
 
-def _run(block: Block, platform: str, seed: int, condition: Condition, arms: tuple[Arm, ...]) -> Iterator[Cell]:
+def _run(
+    block: Block, platform: str, seed: int, condition: Condition, estimator: str, arms: tuple[Arm, ...]
+) -> Iterator[Cell]:
     setting, regime = condition.setting, block.regime
-    for arm in arms:
+    for arm in (a for a in arms if a.is_for(estimator)):
         if block.images:
             source: Source = rendered(setting.flight(platform, seed), setting.degrade)
         else:
@@ -92,6 +111,9 @@ def _run(block: Block, platform: str, seed: int, condition: Condition, arms: tup
             prior=arm.prior,
             level=condition.level,
             axis=regime.axis,
+            estimator=estimator,
+            overrides=arm.overrides,
+            kind=condition.kind,
         )
 
 
@@ -102,7 +124,6 @@ _BRIEF = Setting(40.0)
 _EARLY = outage("outage, early", 10.0, base=Setting(60.0))
 _LATE = outage("outage, late", 50.0, base=Setting(90.0))
 _EASY = outage("still and straight, then an outage", 25.0, (0.0, 10.0, 20.0), Setting(difficulty="easy"))
-_WRONG = "moving_objects"
 _SMALL = Regime(
     "vision gone bad",
     (
@@ -119,12 +140,12 @@ QUICK = Preset(
         Block(_SMALL, images=True),
         Block(outage("outage", 15.0, (0.0, 10.0, 20.0), _BRIEF), chance=True),
         Block(start_in_motion((25,))),
-        Block(graded("wrong vision", _WRONG, (0, 5), _BRIEF)),
+        Block(graded("wrong vision", LYING, (0, 5), _BRIEF)),
         Block(outage("outage", 15.0, (10.0,), _BRIEF), _OTHERS),
     ),
     seeds=6,
     rendered_seeds=1,
-    joined=False,
+    told=told,
 )
 """Minutes: statistics of one question for each regime, and a rendered flight to look at."""
 
@@ -133,11 +154,11 @@ STANDARD = Preset(
     (
         Block(replace(_SMALL, conditions=(*_SMALL.conditions, _BLURRED)), _ALL, images=True),
         Block(graded("low light", "low_light", (0, 2, 3, 4), _RENDERED), images=True),
-        Block(graded("wrong vision", _WRONG, (0, 3, 5), _RENDERED), images=True),
+        Block(graded("wrong vision", LYING, (0, 3, 5), _RENDERED), images=True),
         Block(_EARLY, _ALL, chance=True),
         Block(_LATE, _ALL, chance=True),
         Block(start_in_motion(), _ALL, chance=True),
-        Block(graded("wrong vision", _WRONG), _ALL),
+        Block(graded("wrong vision", LYING), _ALL),
         Block(_EASY, _ALL),
         Block(grades(25.0, 10.0)),
         Block(difficulties(25.0, 10.0)),
@@ -167,5 +188,26 @@ FULL = Preset(
 )
 """Days: every kind in all severities, on every platform, with images and without."""
 
-PRESETS = {"quick": QUICK, "standard": STANDARD, "full": FULL}
+_MIDDLE = Setting(70.0)  # an outage from 45 s on comes when sources of long windows have spoken
+_STUCK = outage("still and straight, then an outage", 25.0, (20.0,), Setting(difficulty="easy"))
+
+ABLATION = Preset(
+    "Factor against filter",
+    (
+        Block(outage("outage", 45.0, (0.0, 10.0, 20.0), _MIDDLE), chance=True),
+        Block(outage("outage", 45.0, (0.0, 10.0), _MIDDLE), _OTHERS, chance=True),
+        Block(start_in_motion((25,)), _ALL, chance=True),
+        Block(graded("wrong vision", LYING, (0, 5)), _ALL),
+        Block(outage(f"IMU {POOREST}", 25.0, (0.0, 10.0), Setting(imu=POOREST)), _ALL),
+        Block(_STUCK),
+        Block(outage("outage, W swept", 45.0, (0.0, 10.0), _MIDDLE), told=weighed),
+    ),
+    seeds=6,
+    rendered_seeds=0,
+    told=told_all,
+    estimators=ESTIMATORS,
+)
+"""Filter and smoother, told everything there is, where a prior should matter and where it should do no harm."""
+
+PRESETS = {"quick": QUICK, "standard": STANDARD, "full": FULL, "ablation": ABLATION}
 """Presets by name."""

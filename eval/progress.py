@@ -60,7 +60,7 @@ class Ledger:
         self._left = {key for batch in self.batches.values() for key, _ in batch}
         self._workers, self._cost_s = 0, 0.0
         self._all_cost_s = sum(film.cost.make_s for film in self.films)
-        self._all_cost_s += sum(s.cost.load_s + len(batch) * s.cost.run_s for s, batch in self.batches.items())
+        self._all_cost_s += sum(self._cost_of(source) for source in self.batches)
 
     def start(self, workers: int) -> None:
         """Workers were found; tell how it stands."""
@@ -78,8 +78,11 @@ class Ledger:
         batch = self.batches[source]
         with self._lock:
             self._left -= {key for key, _ in batch if self._has(key)}
-            self._cost_s += source.cost.load_s + len(batch) * source.cost.run_s
+            self._cost_s += self._cost_of(source)
         self._tell()
+
+    def _cost_of(self, source: Source) -> float:
+        return source.cost.load_s + sum(cell.cost_s for _, cell in self.batches[source])
 
     def _has(self, key: str) -> bool:
         return records.path_of(self._workspace, key).is_file()

@@ -3,8 +3,10 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
+from eval.cells import Kind
 from eval.flights import Flight, PointsFlight
-from sim.degrade.schedule import MAX_SEVERITY
+from sim.degrade import Schedule
+from sim.degrade.schedule import MAX_SEVERITY, Degradation
 from sim.imu import GRADES
 from sim.platforms import DIFFICULTIES
 from sim.points import IMU_GRADE
@@ -12,6 +14,12 @@ from sim.points import IMU_GRADE
 SEVERITIES = tuple(range(MAX_SEVERITY + 1))
 """Clean, then every severity."""
 OUTAGES_S = (0.0, 5.0, 10.0, 20.0, 30.0)
+LYING = "moving_objects"
+"""The kind of degradation whose vision is wrong rather than poor."""
+POOREST = tuple(GRADES)[-1]
+"""The IMU grade with the largest biases, which walk fastest."""
+_LONG_S = 10.0
+"""An outage of this length counts as vision gone bad."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +50,12 @@ class Condition:
     name: str
     setting: Setting
     level: float | None = None
+
+    @property
+    def kind(self) -> Kind:
+        """What a study's headline counts it as: starts in motion and the poorest IMU are degraded too."""
+        hard = self.setting.moving_start or self.setting.imu == POOREST
+        return "degraded" if hard else kind_of(Schedule.parse(self.setting.degrade).degradations)
 
 
 @dataclass(frozen=True)
@@ -81,9 +95,10 @@ def graded(name: str, kind: str, severities: Iterable[int] = SEVERITIES, base: S
     return Regime(name, tuple(conditions), "severity")
 
 
-def start_in_motion(features: Iterable[int] = (100, 50, 25, 12)) -> Regime:
+def start_in_motion(features: Iterable[int] = (100, 50, 25, 12), base: Setting | None = None) -> Regime:
     """The recording begins in full motion, with so many features: biases are not known, and hard to see."""
-    conditions = (Condition(f"{n} features", Setting(20.0, moving_start=True, features=n), float(n)) for n in features)
+    base = replace(base or Setting(20.0), moving_start=True)
+    conditions = (Condition(f"{n} features", replace(base, features=n), float(n)) for n in features)
     return Regime("start in motion", tuple(conditions), "features in an image")
 
 
@@ -99,6 +114,15 @@ def difficulties(start_s: float, length_s: float) -> Regime:
     degrade = f"blackout@{start_s:g}-{start_s + length_s:g}"
     found = (Condition(n, Setting(degrade=degrade, difficulty=n)) for n in DIFFICULTIES)
     return Regime(f"motion, outage of {length_s:g} s", tuple(found))
+
+
+def kind_of(degradations: Iterable[Degradation]) -> Kind:
+    """What a study's headline counts vision as: wrong, or away for long, is degraded."""
+    found = tuple(degradations)
+    away_s = sum(d.end_s - d.start_s for d in found if d.kind == "blackout")
+    if away_s >= _LONG_S or any(d.kind == LYING for d in found):
+        return "degraded"
+    return "other" if found else "clean"
 
 
 def _seconds(length_s: float) -> str:

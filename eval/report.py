@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Iterable
 from collections.abc import Sequence as ListLike
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -17,6 +18,7 @@ from eval.outcome import Outcome
 from eval.paired import Paired, paired
 from eval.records import Record
 from eval.tables import Table, consistency_table, failure_table, group_table, overview_table, paired_table, percent
+from eval.verdict import verdict_table, verdicts
 
 _TEMPLATE = Path(__file__).with_name("report.html")
 _SHOWN_ROWS = 150
@@ -24,10 +26,11 @@ _SHOWN_ROWS = 150
 
 @dataclass(frozen=True)
 class Chapter:
-    """A regime of a platform, as the page shows it: its place there, its figures by kind, its tables."""
+    """A regime of a platform and an estimator, as the page shows it: its place there, its figures by kind, its
+    tables."""
 
     platform: str
-    regime: str
+    title: str
     place: str
     figures: dict[str, Any]
     tables: list[Table]
@@ -54,12 +57,13 @@ def write_report(outcome: Outcome, folder: Path) -> Path:
             name=outcome.index.name,
             made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
             facts=_facts(outcome),
+            verdict=_verdict(outcome),
             headlines=headlines(pairs),
             overview=overview_table(outcome.records, pairs, outcome.index.base),
             consistency=consistency_table(records),
             failures=failures if failures.rows else None,
             platforms=platforms,
-            examples=[_title(group) for group in examples],
+            examples=[_title(group, records) for group in examples],
             samples=images.samples(records, folder),
             plotly=get_plotlyjs(),
             figures=json.dumps(drawn, allow_nan=False).replace("</", "<\\/"),
@@ -73,11 +77,18 @@ def write_report(outcome: Outcome, folder: Path) -> Path:
     return path
 
 
+def _verdict(outcome: Outcome) -> Table | None:
+    """All cells together; None where the study has none that count as clean or degraded."""
+    found = verdicts(outcome.records, outcome.index.base)
+    return verdict_table(found) if found else None
+
+
 def headlines(pairs: list[Paired]) -> list[str]:
     """What the study found, a sentence for each arm."""
     found = []
-    for arm in dict.fromkeys(p.arm for p in pairs):
-        mine = [p for p in pairs if p.arm == arm]
+    several = len({p.estimator for p in pairs}) > 1
+    for estimator, arm in dict.fromkeys((p.estimator, p.arm) for p in pairs):
+        mine = [p for p in pairs if (p.estimator, p.arm) == (estimator, arm)]
         once = {(p.platform, p.estimator, p.log_ratios.tobytes()): p for p in mine}  # regimes share their clean runs
         known = [p for p in once.values() if p.median is not None and p.low is not None and p.high is not None]
         if not known:
@@ -86,7 +97,8 @@ def headlines(pairs: list[Paired]) -> list[str]:
         worse = sum(p.low > 1.0 for p in known if p.low is not None)
         middle = percent(float(np.median([p.median for p in known if p.median is not None])))
         apart = sum(p.diverged for p in mine), sum(p.base_diverged for p in mine)
-        line = f"{arm}: ATE {middle} against {known[0].base} in the middle of {len(known)} conditions; the whole"
+        line = f"{estimator}, {arm}" if several else arm
+        line += f": ATE {middle} against {known[0].base} in the middle of {len(known)} conditions; the whole"
         line += f" interval is better in {better}, worse in {worse}; {apart[0]} runs diverged against {apart[1]}."
         found.append(line)
     return found
@@ -94,32 +106,41 @@ def headlines(pairs: list[Paired]) -> list[str]:
 
 def _chapters(records: ListLike[Record], pairs: list[Paired], arms: list[str]) -> list[Chapter]:
     """All regimes, in the order of the study."""
-    regimes: dict[tuple[str, str], list[Record]] = {}
-    for record in records:
-        regimes.setdefault((str(record.config["platform"]), str(record.config["regime"])), []).append(record)
     chapters = []
-    for (platform, regime), group in regimes.items():
-        mine = [p for p in pairs if (p.platform, p.regime) == (platform, regime)]
+    for (platform, regime, estimator), group in _regimes(records).items():
+        mine = [p for p in pairs if (p.platform, p.regime, p.estimator) == (platform, regime, estimator)]
         good = [r for r in group if r.failure is None]
         drawn: dict[str, Any] = {"ate": figures.ate_by_condition(good, arms)} if good else {}
         ratios = figures.ratios(good, mine, arms)
         drawn |= {"ratios": ratios} if ratios else {}
-        place = _slug(platform, regime)
-        chapters.append(Chapter(platform, regime, place, drawn, [group_table(group), paired_table(mine)]))
+        title, place = f"{regime}{_whose(estimator, records)}", _slug(platform, regime, _whose(estimator, records))
+        chapters.append(Chapter(platform, title, place, drawn, [group_table(group), paired_table(mine)]))
     return chapters
+
+
+def _regimes(records: Iterable[Record]) -> dict[tuple[str, str, str], list[Record]]:
+    """The records by platform, regime and estimator, in the order in which they come; a regime's estimators follow each
+    other."""
+    found: dict[tuple[str, str, str], list[Record]] = {}
+    for record in records:
+        names = (str(record.config[name]) for name in ("platform", "regime", "estimator"))
+        found.setdefault(tuple(names), []).append(record)  # type: ignore[arg-type]
+    order = list(dict.fromkeys(names[:2] for names in found))
+    return dict(sorted(found.items(), key=lambda item: order.index(item[0][:2])))
+
+
+def _whose(estimator: str, records: Iterable[Record]) -> str:
+    """An estimator's name behind what it did; nothing where there is only one."""
+    return f", {estimator}" if len({r.config["estimator"] for r in records}) > 1 else ""
 
 
 def _examples(records: list[Record], base: str) -> list[list[Record]]:
     """Of every regime the last condition, on the lowest seed, in all arms that share the base's recording: not
     chosen by result."""
-    regimes: dict[tuple[str, str], dict[str, list[Record]]] = {}
-    for r in records:
-        if not r.series.empty and "true_b_g_x" in r.series and "b_g_x" in r.series:
-            conditions = regimes.setdefault((r.config["platform"], r.config["regime"]), {})
-            conditions.setdefault(r.config["condition"], []).append(r)
+    drawable = [r for r in records if not r.series.empty and "true_b_g_x" in r.series and "b_g_x" in r.series]
     groups = []
-    for conditions in regimes.values():
-        last = conditions[next(reversed(conditions))]
+    for regime in _regimes(drawable).values():
+        last = [r for r in regime if r.config["condition"] == regime[-1].config["condition"]]
         lowest = min(r.config["seed"] for r in last)
         group = [r for r in last if r.config["seed"] == lowest]
         shared = [r.config["source"] for r in group if r.config["arm"] == base] or [group[0].config["source"]]
@@ -132,9 +153,9 @@ def _thinned(record: Record) -> Record:
     return replace(record, series=record.series.iloc[:: max(1, round(len(record.series) / _SHOWN_ROWS))])
 
 
-def _title(group: list[Record]) -> str:
-    config = group[0].config
-    return f"{config['platform']}, {config['regime']}, {config['condition']}, {config['recording']}"
+def _title(group: list[Record], records: Iterable[Record]) -> str:
+    config, whose = group[0].config, _whose(group[0].config["estimator"], records)
+    return f"{config['platform']}, {config['regime']}, {config['condition']}, {config['recording']}{whose}"
 
 
 def _slug(*names: str) -> str:
@@ -158,11 +179,11 @@ def _save_pngs(
 ) -> None:
     place = folder / "figures"
     place.mkdir(exist_ok=True)
-    for platform, regime in dict.fromkeys((str(r.config["platform"]), str(r.config["regime"])) for r in records):
-        group = [r for r in records if (r.config["platform"], r.config["regime"]) == (platform, regime)]
-        mine = [p for p in pairs if (p.platform, p.regime) == (platform, regime)]
-        pngs.save_ates(group, arms, place / f"ate-{_slug(platform, regime)}.png")
-        pngs.save_ratios(group, mine, arms, place / f"ratios-{_slug(platform, regime)}.png")
+    for (platform, regime, estimator), group in _regimes(records).items():
+        mine = [p for p in pairs if (p.platform, p.regime, p.estimator) == (platform, regime, estimator)]
+        name = _slug(platform, regime, _whose(estimator, records))
+        pngs.save_ates(group, arms, place / f"ate-{name}.png")
+        pngs.save_ratios(group, mine, arms, place / f"ratios-{name}.png")
     if examples:
         pngs.save_biases(examples[0], arms, place / "biases.png")
         pngs.save_paths(examples[0], arms, place / "paths.png")

@@ -46,21 +46,22 @@ def overview_table(records: Iterable[Record], pairs: Iterable[Paired], base: str
     """A row for each condition: how well the base does, and what every other arm changes."""
     table, by_group = frame(records), {(*p.group, p.arm): p for p in pairs}
     arms = [arm for arm in table.arm.unique() if arm != base]
+    named = len(GROUP) if table.estimator.nunique() > 1 else len(GROUP) - 1  # one estimator needs no name
     rows = []
     for names, group in table.groupby(GROUP, sort=False):
         mine = group[group.arm == base]
         compared = [by_group.get((*(str(n) for n in names), arm)) for arm in arms]
         rows.append(
             (
-                *(str(name) for name in names[:3]),
+                *(str(name) for name in names[:named]),
                 str(len(mine)),
                 _median(mine, "ate_m", ".3f"),
                 str((mine.diverged == 1.0).sum() or NOTHING),
                 *(change_of(p) if p is not None else NOTHING for p in compared),
             )
         )
-    columns = ("platform", "regime", "condition", "runs", f"ATE of {base} [m]", "diverged", *arms)
-    return Table(f"Change of ATE against {base}: median (95 % interval)", columns, tuple(rows), labels=3)
+    columns = (*GROUP[:named], "runs", f"ATE of {base} [m]", "diverged", *arms)
+    return Table(f"Change of ATE against {base}: median (95 % interval)", columns, tuple(rows), labels=named)
 
 
 def change_of(pair: Paired) -> str:
@@ -127,7 +128,7 @@ def consistency_table(records: Iterable[Record]) -> Table:
     """A row for each condition and arm whose runs all have NEES: means by block, and the judgement."""
     groups: dict[tuple[str, ...], list[Record]] = {}
     for record in records:
-        names = tuple(str(record.config[name]) for name in ("platform", "regime", "condition", "arm"))
+        names = tuple(str(record.config[name]) for name in (*GROUP, "arm"))
         groups.setdefault(names, []).append(record)
     rows = []
     for names, group in groups.items():
@@ -140,8 +141,8 @@ def consistency_table(records: Iterable[Record]) -> Table:
         wrong = dict.fromkeys(reason.split(":")[0] for reason in result.reasons)
         verdict = "consistent" if result.passed else f"not: {', '.join(wrong)}"
         rows.append((*names, str(len(known)), *means, verdict))
-    columns = ("platform", "regime", "condition", "arm", "runs", *BLOCKS, "judgement")
-    return Table("NEES by degree of freedom: means over runs and time", columns, tuple(rows), labels=4)
+    columns = (*GROUP, "arm", "runs", *BLOCKS, "judgement")
+    return Table("NEES by degree of freedom: means over runs and time", columns, tuple(rows), labels=5)
 
 
 def failure_table(outcome: Outcome) -> Table:

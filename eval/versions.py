@@ -23,7 +23,8 @@ _SCORING = (
     "work.py",
 )
 """The files of this package that decide what a result says; the others only show it."""
-_PRIOR = "prior "  # begins the name of a version that only the cells with that prior depend on
+_PRIOR, _ESTIMATOR = "prior ", "estimator "  # begin the names of versions that only their own cells depend on
+_BEGINS_WITH = "msckf"  # the estimator whose start others use
 _CODE = (".py", ".xml")
 _WEIGHTS = (".json", ".yaml", ".npz", ".onnx", ".safetensors")
 
@@ -37,21 +38,16 @@ def versions(estimators: tuple[str, ...] = ("msckf",), priors: tuple[str, ...] =
         priors: as in `Cell.priors`.
     """
     found = {name: _version(name) for name in _DISTRIBUTIONS}
-    packages = {
-        "navcore",
-        "sim",
-        "msckf",
-        *(_package(name) for name in estimators),
-    }  # others may begin as the filter does
     scoring = [Path(__file__).with_name(name) for name in _SCORING]
+    run = {_ESTIMATOR + name: code_digest({_package(name), _BEGINS_WITH}) for name in estimators}
     told = {_PRIOR + name: version for name in priors if (version := _prior_version(name))}
-    return {"python": python_version(), **found, "code": code_digest(packages, scoring), **told}
+    return {"python": python_version(), **found, "code": code_digest(("navcore", "sim"), scoring), **run, **told}
 
 
-def with_priors(versions: dict[str, str], priors: ListLike[str]) -> dict[str, str]:
-    """Those versions that a result with these priors depends on."""
-    own = {_PRIOR + name for name in priors}
-    return {name: version for name, version in versions.items() if not name.startswith(_PRIOR) or name in own}
+def of_cell(versions: dict[str, str], estimator: str, priors: ListLike[str]) -> dict[str, str]:
+    """Those versions that a result of this estimator with these priors depends on."""
+    own = {_ESTIMATOR + estimator, *(_PRIOR + name for name in priors)}
+    return {n: version for n, version in versions.items() if not n.startswith((_PRIOR, _ESTIMATOR)) or n in own}
 
 
 def code_digest(packages: Collection[str], files: ListLike[Path] = ()) -> str:

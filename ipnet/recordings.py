@@ -18,6 +18,9 @@ from navcore.readers import open_sequence
 from navcore.sequence import Sequence
 from navcore.trajectory import Trajectory
 
+PUBLIC_LABELS = Path(__file__).with_name("labels") / "public.json"
+"""Labels of the public recordings, by the names that they have as downloaded."""
+
 
 @dataclass(frozen=True)
 class Label:

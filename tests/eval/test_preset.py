@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eval.arms import BASE, Arm, write_device
+from eval.arms import BASE, LEARNED, WEIGHTS, Arm, Sources, told, told_all, told_joined, weighed, write_device
 from eval.errors import StudyError
 from eval.flights import Flight, PointsFlight
-from eval.preset import DEVICE_SEEDS, FULL, PRESETS, QUICK, STANDARD, Block, Preset
+from eval.preset import ABLATION, DEVICE_SEEDS, FULL, PRESETS, QUICK, STANDARD, Block, Preset
 from eval.progress import Ledger
 from eval.regimes import Setting, outage
 from eval.sources import degradations, to_render
@@ -21,6 +21,10 @@ from sim.platforms import DIFFICULTIES, PLATFORMS
 
 ARMS = {"none", "constant", "ipnet", "motion", "truth"}
 JOINED = {"ipnet+motion", "constant, ipnet+motion"}
+RIVALS = {"window-mean", "paper-plain", "recursive"}
+FACTOR_ONLY = "paper-plain, figure 2"
+SWEPT = {"none", "ipnet", *(f"W = {w:g}" for w in WEIGHTS)}
+NAMES = {told: ARMS, told_joined: ARMS | JOINED, told_all: ARMS | RIVALS | {"ipnet+motion"}, weighed: SWEPT}
 
 
 @pytest.fixture(scope="module", params=PRESETS)
@@ -32,8 +36,10 @@ def planned(request, tmp_path_factory):
     return few, folder, few.study(folder)
 
 
-def arms_of(preset):
-    return ARMS | JOINED if preset.joined else ARMS
+def arms_of(preset, regime):
+    """What the filter is told in a regime; no two blocks of a preset with other arms share a regime's name."""
+    (which,) = {b.told or preset.told for b in preset.blocks if b.regime.name == regime}
+    return NAMES[which]
 
 
 def regimes(preset):
@@ -42,10 +48,16 @@ def regimes(preset):
 
 def test_every_seed_condition_and_arm_is_there_once(planned):
     preset, _, study = planned
-    names = [(c.platform, c.regime, c.condition, c.seed, c.arm) for c in study.cells]
-    arms = len(arms_of(preset))
-    expected = sum(2 * len(b.platforms) * len(b.regime.conditions) * (arms + b.chance) for b in preset.blocks)
-    assert len(set(names)) == len(names) == expected
+    names = [(c.platform, c.regime, c.condition, c.seed, c.estimator, c.arm) for c in study.cells]
+    assert len(set(names)) == len(names)
+    for estimator in preset.estimators:
+        expected = 0
+        for b in preset.blocks:
+            more = FACTOR_ONLY in {c.arm for c in study.cells if (c.regime, c.estimator) == (b.regime.name, estimator)}
+            assert more == (estimator == "factor" and b.told is None)
+            arms = len(arms_of(preset, b.regime.name)) + b.chance + more
+            expected += 2 * len(b.platforms) * len(b.regime.conditions) * arms
+        assert sum(c.estimator == estimator for c in study.cells) == expected
     assert study.base == BASE
 
 
@@ -53,10 +65,10 @@ def test_each_claim_stands_beside_none_constant_and_truth(planned):
     preset, _, study = planned
     arms = {}
     for c in study.cells:
-        arms.setdefault((c.platform, c.regime, c.condition, c.seed), {})[c.arm] = c
-    for found in arms.values():
-        assert set(found) - {"none, reseeded"} == arms_of(preset)
-        assert {cell.source for arm, cell in found.items() if arm in arms_of(preset)} == {found["none"].source}
+        arms.setdefault((c.platform, c.regime, c.condition, c.seed, c.estimator), {})[c.arm] = c
+    for (_, regime, *_), found in arms.items():
+        assert set(found) - {"none, reseeded", FACTOR_ONLY} == arms_of(preset, regime)
+        assert {cell.source for arm, cell in found.items() if arm != "none, reseeded"} == {found["none"].source}
         if "none, reseeded" in found:
             again = found["none, reseeded"].source
             assert again != found["none"].source and again.flight == found["none"].source.flight
@@ -65,7 +77,7 @@ def test_each_claim_stands_beside_none_constant_and_truth(planned):
 
 
 def test_arms_of_measurements_know_the_motion_of_their_platform_and_no_device(planned):
-    preset, _, study = planned
+    _, _, study = planned
     for c in study.cells:
         body = c.platform.split(",")[0]
         expected = {"ipnet": f"ipnet:sim-{body}", "motion": f"motion:sim-{body}", "none": "none", "truth": "truth"}
@@ -75,7 +87,11 @@ def test_arms_of_measurements_know_the_motion_of_their_platform_and_no_device(pl
             assert c.prior.endswith(f"ipnet+motion:sim-{body}")
     devices = {c.prior.split(",")[0] for c in study.cells if "constant" in c.arm}
     assert devices == {c.prior for c in study.cells if c.arm == "constant"}
-    assert preset.joined == (preset.name != QUICK.name)
+    for c in study.cells:
+        settings = dict(c.overrides)
+        assert (settings.get("prior.mode") == "plain") == (c.arm.startswith(("paper-plain", "W = "))) == bool(settings)
+        if c.arm.startswith("W = "):
+            assert settings["prior.weight"] == float(c.arm.removeprefix("W = "))
 
 
 def test_no_study_flies_what_is_kept_for_learning(planned):
@@ -126,6 +142,31 @@ def test_the_presets_ask_where_a_prior_can_matter():
             assert block.platforms == tuple(PLATFORMS) and block.chance
     full = " ".join(c.setting.degrade for b in FULL.blocks for c in b.regime.conditions)
     assert all(kind in full for kind in KINDS) and all(f"{kind}:5" in full for kind in SCENE)
+
+
+def test_the_ablation_counts_as_degraded_what_its_design_says():
+    """Wrong vision, outages of 10 s and more, starts in motion, cheap IMUs; clean is none of these."""
+    kinds = {(b.regime.name, c.name): c.kind for b in ABLATION.blocks for c in b.regime.conditions}
+    clean = {names for names, kind in kinds.items() if kind == "clean"}
+    assert clean == {("outage", "clean"), ("wrong vision", "clean"), ("outage, W swept", "clean")}
+    assert set(kinds.values()) == {"clean", "degraded"}
+    mild = {c.name: c.kind for b in STANDARD.blocks if b.regime.name == "outage, early" for c in b.regime.conditions}
+    assert mild == {"clean": "clean", "5 s": "other", "10 s": "degraded", "20 s": "degraded", "30 s": "degraded"}
+    assert ABLATION.seeds >= 6 and ABLATION.estimators == ("msckf", "factor")
+
+
+def test_what_there_is_no_source_of_is_no_arm():
+    bare = Sources(None, None, None, None, None, None, truth=False)
+    assert [a.name for tell in NAMES for a in tell(bare)] == ["none"] * len(NAMES)
+    some = replace(bare, motion="motion:euroc", truth=True)
+    assert [(a.name, a.prior) for a in told_all(some)] == [
+        ("none", "none"),
+        ("motion", "motion:euroc"),
+        ("truth", "truth"),
+    ]
+    whole = Sources("constant:a", "window-mean", "ipnet:b", "motion:b", "ipnet+motion:b", "recursive:b")
+    assert set(LEARNED) < {a.name for a in told_all(whole)}
+    assert {a.name: a.prior for a in told_joined(whole)}["constant, ipnet+motion"] == "constant:a,ipnet+motion:b"
 
 
 def test_quick_is_small_and_has_enough_seeds_for_an_interval():

@@ -102,8 +102,8 @@ def test_the_table_of_failures_names_cell_and_message(folder):
 
 def test_only_groups_that_are_known_whole_are_judged(folder):
     table = consistency_table(load(folder).records)
-    assert [row[3] for row in table.rows] == ["none"]  # of `better` one run is missing
-    assert float(table.rows[0][5]) == pytest.approx(1.0, abs=0.15)
+    assert [row[4] for row in table.rows] == ["none"]  # of `better` one run is missing
+    assert float(table.rows[0][6]) == pytest.approx(1.0, abs=0.15)
 
 
 def test_terminal_tables_show_brackets(folder):
