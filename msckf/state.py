@@ -17,6 +17,7 @@ from navcore.arrays import Floats, Mask, Rotations, Stamps, Vectors
 from navcore.odometry import State
 
 CLONE_SIZE = 6
+_MOVING = np.ix_(np.r_[THETA, VELOCITY], np.r_[THETA, VELOCITY])
 LANDMARK_SIZE = 3
 _FAR_OFF = (0.01, 0.003, 0.01)  # rad, m/s and share of the speed, a correction after which first estimates are given up
 
@@ -67,6 +68,15 @@ class FilterState:
         view = self._P.view()
         view.setflags(write=False)
         return view
+
+    @property
+    def velocity_sigma(self) -> float:
+        """m/s, the largest of an axis of R_WB^T v_WB: in the world a heading that nobody can know would count, the more
+        the faster the body is and the longer it has been under way."""
+        R_BW = self.R_WB.T
+        J = np.hstack([so3.hat(R_BW @ self.v_WB), R_BW])  # by dtheta, dv
+        variance = np.einsum("ij,jk,ik->i", J, self._P[_MOVING], J)
+        return float(np.sqrt(max(variance.max(), 0.0)))
 
     @property
     def size(self) -> int:

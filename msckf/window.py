@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from msckf.blocks import THETA, VELOCITY
+from msckf.blocks import THETA
 from msckf.config import VisionConfig
 from msckf.features import FeatureTable
 from msckf.slam import add_landmarks, move_anchors, promotable, update_landmarks
@@ -89,7 +89,7 @@ class VisualWindow:
             return VisualOutcome()
         config, columns = self.config, state.seen_columns
         views = self.table.views_of(state.rig, chosen)
-        unsure = np.diagonal(state.covariance)[VELOCITY].max() > config.unsure_velocity**2
+        unsure = state.velocity_sigma > config.unsure_velocity
         m = self._settled(state, views) if unsure or _seen_askew(state) else self._measured(state, views)
         self.noise.learn(m.nis, m.dof, only_up=unsure)
         where = np.flatnonzero(chosen)

@@ -1,5 +1,6 @@
 """State and covariance move together, as explicit matrix algebra and a textbook filter say."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -62,6 +63,23 @@ def test_blocks_lie_in_the_documented_order():
     assert state.size == 33
     bare = with_window(2, prior_error=False)
     assert (bare.prior_error, bare.clone(0)) == (slice(15, 15), slice(15, 21))
+
+
+def test_a_heading_that_nobody_knows_is_no_doubt_about_the_velocity():
+    """The covariance of a turn of the world about its vertical, by 0.2 rad, at 10 m/s; and what is left beside it."""
+    start = start_state()
+    start = replace(start, v_WB=np.array([6.0, 0.0, 8.0]))
+    vertical = np.array([0.0, 0.0, 1.0])
+    turn = np.zeros(IMU_SIZE)
+    turn[THETA], turn[VELOCITY] = start.R_WB.T @ vertical, np.cross(vertical, start.v_WB)
+    state = filter_state(replace(start, covariance=0.04 * np.outer(turn, turn)))
+    assert np.sqrt(np.diagonal(state.covariance)[VELOCITY].max()) > 1.0
+    assert state.velocity_sigma < 1e-6
+    along = start.R_WB[:, 0]  # of the body's x axis
+    unsure = np.zeros(IMU_SIZE)
+    unsure[VELOCITY] = 0.03 * along
+    state = filter_state(replace(start, covariance=0.04 * np.outer(turn, turn) + np.outer(unsure, unsure)))
+    assert state.velocity_sigma == pytest.approx(0.03, rel=1e-6)
 
 
 def test_an_update_is_the_textbooks():
