@@ -72,13 +72,13 @@ def test_a_heading_that_nobody_knows_is_no_doubt_about_the_velocity():
     vertical = np.array([0.0, 0.0, 1.0])
     turn = np.zeros(IMU_SIZE)
     turn[THETA], turn[VELOCITY] = start.R_WB.T @ vertical, np.cross(vertical, start.v_WB)
-    state = filter_state(replace(start, covariance=0.04 * np.outer(turn, turn)))
+    state = FilterState(replace(start, covariance=0.04 * np.outer(turn, turn)), ONE)
     assert np.sqrt(np.diagonal(state.covariance)[VELOCITY].max()) > 1.0
     assert state.velocity_sigma < 1e-6
     along = start.R_WB[:, 0]  # of the body's x axis
     unsure = np.zeros(IMU_SIZE)
     unsure[VELOCITY] = 0.03 * along
-    state = filter_state(replace(start, covariance=0.04 * np.outer(turn, turn) + np.outer(unsure, unsure)))
+    state = FilterState(replace(start, covariance=0.04 * np.outer(turn, turn) + np.outer(unsure, unsure)), ONE)
     assert state.velocity_sigma == pytest.approx(0.03, rel=1e-6)
 
 
