@@ -219,15 +219,20 @@ def starts(
     return 0
 
 
-def report(folder: tyro.conf.Positional[Path]) -> int:
+def report(folder: tyro.conf.Positional[Path], run: str | None = None) -> int:
     """Write the report of a study anew, of as much as there is.
 
     Args:
         folder: that the study was run in.
+        run: key of a run, or how it begins, as the report lists them: write a report of all arms on its recording
+            alone, to FOLDER/runs/KEY.
     """
-    from eval.report import write_report
+    from eval.report import of_recording, write_report
 
     outcome = load(folder)
+    if run is not None:
+        one = of_recording(outcome, run)
+        return _show(one, write_report(one, folder, folder / "runs" / run), _console())
     return _show(outcome, write_report(outcome, folder), _console())
 
 

@@ -1,4 +1,4 @@
-"""The report of a study: one page that needs no network, and pictures of its main figures beside it."""
+"""The report of a study: one page that needs no network; beside it its tables for LaTeX and its figures for papers."""
 
 import json
 import re
@@ -13,11 +13,21 @@ import jinja2
 import numpy as np
 from plotly.offline import get_plotlyjs
 
-from eval import figures, images, pngs
+from eval import figures, images, pictures
+from eval.errors import StudyError
 from eval.outcome import Outcome
 from eval.paired import Paired, paired
 from eval.records import Record
-from eval.tables import Table, consistency_table, failure_table, group_table, overview_table, paired_table, percent
+from eval.tables import (
+    Table,
+    consistency_table,
+    failure_table,
+    group_table,
+    number,
+    overview_table,
+    paired_table,
+    percent,
+)
 from eval.verdict import verdict_table, verdicts
 
 _TEMPLATE = Path(__file__).with_name("report.html")
@@ -26,18 +36,34 @@ _SHOWN_ROWS = 150
 
 @dataclass(frozen=True)
 class Chapter:
-    """A regime of a platform and an estimator, as the page shows it: its place there, its figures by kind, its
-    tables."""
+    """A regime of a platform and an estimator, as the page shows it: its place there, its figures by kind, its tables,
+    and all of its runs with the keys of their records."""
 
     platform: str
     title: str
     place: str
     figures: dict[str, Any]
     tables: list[Table]
+    runs: list[tuple[str, tuple[str, ...]]]
 
 
-def write_report(outcome: Outcome, folder: Path) -> Path:
-    """Write `report.html`, whole or not at all, and the PNGs into `folder`; returns the path of the page."""
+_RUN = ("condition", "arm", "recording", "ATE [m]", "ATE [°]", "complete", "start [s]", "")
+"""Heads of the list of a chapter's runs, before the key of each."""
+
+
+def write_report(outcome: Outcome, workspace: Path, folder: Path | None = None) -> Path:
+    """Write `report.html`, whole or not at all, its tables for LaTeX and its figures as PNG and PDF.
+
+    Args:
+        outcome: what it is about.
+        workspace: the study's folder.
+        folder: where it is put, the study's folder by default.
+
+    Returns:
+        The path of the page.
+    """
+    folder = folder or workspace
+    folder.mkdir(parents=True, exist_ok=True)
     records = [r for r in outcome.records if r.failure is None]
     pairs = paired(outcome.records, outcome.index.base)
     arms = figures.arms_of(outcome.records)
@@ -50,6 +76,9 @@ def write_report(outcome: Outcome, folder: Path) -> Path:
     for chapter in chapters:
         platforms.setdefault(chapter.platform, []).append(chapter)
     failures = failure_table(outcome)
+    verdict = _verdict(outcome)
+    overview = overview_table(outcome.records, pairs, outcome.index.base)
+    consistency = consistency_table(records)
     text = (
         _environment()
         .get_template(_TEMPLATE.name)
@@ -57,14 +86,16 @@ def write_report(outcome: Outcome, folder: Path) -> Path:
             name=outcome.index.name,
             made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
             facts=_facts(outcome),
-            verdict=_verdict(outcome),
+            verdict=verdict,
             headlines=headlines(pairs),
-            overview=overview_table(outcome.records, pairs, outcome.index.base),
-            consistency=consistency_table(records),
+            overview=overview,
+            consistency=consistency,
             failures=failures if failures.rows else None,
             platforms=platforms,
             examples=[_title(group, records) for group in examples],
-            samples=images.samples(records, folder),
+            samples=images.samples(records, workspace),
+            run_heads=_RUN,
+            workspace=workspace,
             plotly=get_plotlyjs(),
             figures=json.dumps(drawn, allow_nan=False).replace("</", "<\\/"),
         )
@@ -73,8 +104,28 @@ def write_report(outcome: Outcome, folder: Path) -> Path:
     partial = path.with_name(".report.html.partial")
     partial.write_text(text, encoding="utf-8")
     partial.replace(path)
-    _save_pngs(records, pairs, arms, examples, folder)
+    _save_figures(records, pairs, arms, examples, folder / "figures")
+    tables = {"overview": overview, "consistency": consistency} | ({"verdict": verdict} if verdict else {})
+    for chapter in chapters:
+        tables |= {f"{kind}-{chapter.place}": t for kind, t in zip(("scores", "paired"), chapter.tables, strict=True)}
+    _save_tables(tables, folder / "tables")
     return path
+
+
+def of_recording(outcome: Outcome, key: str) -> Outcome:
+    """All that a study has of the recording and condition of one of its runs: every arm of every estimator.
+
+    Raises:
+        StudyError: no run has a key that begins so, or several have.
+    """
+    keys = sorted({k for k in outcome.index.keys if k.startswith(key)})
+    if len(keys) != 1:
+        raise StudyError(f"{len(keys)} runs have a key that begins with {key!r}; expected one")
+    names = ("platform", "regime", "condition", "seed")
+    chosen = next(r.config for r in outcome.records if r.key == keys[0])
+    mine = tuple(r for r in outcome.records if all(r.config[n] == chosen[n] for n in names))
+    title = f"{outcome.index.name}: {chosen['platform']}, {chosen['regime']}, {chosen['condition']}"
+    return replace(outcome, index=replace(outcome.index, name=title), records=mine, missing=(), errors=())
 
 
 def _verdict(outcome: Outcome) -> Table | None:
@@ -114,8 +165,18 @@ def _chapters(records: ListLike[Record], pairs: list[Paired], arms: list[str]) -
         ratios = figures.ratios(good, mine, arms)
         drawn |= {"ratios": ratios} if ratios else {}
         title, place = f"{regime}{_whose(estimator, records)}", _slug(platform, regime, _whose(estimator, records))
-        chapters.append(Chapter(platform, title, place, drawn, [group_table(group), paired_table(mine)]))
+        tables, runs = [group_table(group), paired_table(mine)], [(r.key, _run_row(r)) for r in group]
+        chapters.append(Chapter(platform, title, place, drawn, tables, runs))
     return chapters
+
+
+def _run_row(record: Record) -> tuple[str, ...]:
+    """A run in the list of a chapter's runs."""
+    scores = record.scores
+    forms = {"ate_m": ".4f", "ate_deg": ".3f", "completeness": ".1%", "start_s": ".2f"}
+    told = (number(scores.get(name, np.nan), form) for name, form in forms.items())
+    amiss = record.failure or ("diverged" if scores.get("diverged") == 1.0 else "")
+    return (*(str(record.config[name]) for name in ("condition", "arm", "recording")), *told, amiss)
 
 
 def _regimes(records: Iterable[Record]) -> dict[tuple[str, str, str], list[Record]]:
@@ -174,19 +235,25 @@ def _facts(outcome: Outcome) -> list[tuple[str, str]]:
     return [("Cells", cells), ("Wall clock", time), ("Base arm", outcome.index.base), ("Made with", versions)]
 
 
-def _save_pngs(
-    records: list[Record], pairs: list[Paired], arms: list[str], examples: list[list[Record]], folder: Path
+def _save_tables(tables: dict[str, Table], place: Path) -> None:
+    place.mkdir(exist_ok=True)
+    for name, table in tables.items():
+        if table.rows:
+            (place / f"{name}.tex").write_text(table.latex(), encoding="utf-8")
+
+
+def _save_figures(
+    records: list[Record], pairs: list[Paired], arms: list[str], examples: list[list[Record]], place: Path
 ) -> None:
-    place = folder / "figures"
     place.mkdir(exist_ok=True)
     for (platform, regime, estimator), group in _regimes(records).items():
         mine = [p for p in pairs if (p.platform, p.regime, p.estimator) == (platform, regime, estimator)]
         name = _slug(platform, regime, _whose(estimator, records))
-        pngs.save_ates(group, arms, place / f"ate-{name}.png")
-        pngs.save_ratios(group, mine, arms, place / f"ratios-{name}.png")
+        pictures.save_ates(group, arms, place / f"ate-{name}")
+        pictures.save_ratios(group, mine, arms, place / f"ratios-{name}")
     if examples:
-        pngs.save_biases(examples[0], arms, place / "biases.png")
-        pngs.save_paths(examples[0], arms, place / "paths.png")
+        pictures.save_biases(examples[0], arms, place / "biases")
+        pictures.save_paths(examples[0], arms, place / "paths")
 
 
 def _environment() -> jinja2.Environment:

@@ -15,6 +15,12 @@ from eval.records import Record
 from navcore.odometry import BLOCKS
 
 NOTHING = "–"
+_LATEX = {c: f"\\{c}" for c in "&%$#_{}"} | {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+}
+_LATEX |= {"−": "$-$", "±": r"$\pm$", "∞": r"$\infty$", "°": r"$^\circ$", "²": "$^2$", "…": r"\ldots{}", "–": "--"}
 
 
 @dataclass(frozen=True)
@@ -34,6 +40,14 @@ class Table:
         for row in self.rows:
             table.add_row(*(escape(text) for text in row))
         return table
+
+    def latex(self) -> str:
+        """The same for a paper, with the rules of LaTeX's booktabs; the title is its caption."""
+        columns = "".join("l" if k < self.labels else "r" for k in range(len(self.columns)))
+        lines = [" & ".join(_latex(text) for text in row) + r" \\" for row in (self.columns, *self.rows)]
+        rows = [r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule"]
+        head = [r"\begin{table}", rf"\caption{{{_latex(self.title)}}}", rf"\begin{{tabular}}{{{columns}}}"]
+        return "\n".join([*head, *rows, r"\end{tabular}", r"\end{table}", ""])
 
 
 def score_table(scores: dict[str, float], title: str) -> Table:
@@ -177,6 +191,11 @@ def _share(pair: Paired, pairs: list[Paired]) -> str:
         if same and certain and other is not pair and pair.median is not None and other.median is not None:
             return f"{np.log(pair.median) / np.log(other.median):.0%}"
     return NOTHING
+
+
+def _latex(text: str) -> str:
+    """Text as LaTeX takes it."""
+    return "".join(_LATEX.get(c, c) for c in text)
 
 
 def _median(group: pd.DataFrame, name: str, form: str) -> str:

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from eval import figures, pngs
+from eval import figures, pictures
 from eval.__main__ import main
 from eval.cells import Study
 from eval.errors import StudyError
@@ -193,5 +193,5 @@ def test_biases_show_what_sources_said_beside_the_filter_and_the_truth(folder, t
     low, high = figure["layout"]["yaxis5"]["range"]
     assert low < base.series["true_b_g_z"].min() and high > 2.4  # most of what was said about b_g z
     assert not any("visible" in t for t in figures.biases(records[:2], arms)["data"])  # no sources: all are shown
-    pngs.save_biases(records, arms, tmp_path / "biases.png")
+    pictures.save_biases(records, arms, tmp_path / "biases.png")
     assert (tmp_path / "biases.png").read_bytes()[:4] == b"\x89PNG"

@@ -143,5 +143,7 @@ def save_paths(records: list[Record], arms: list[str], path: Path) -> None:
 
 
 def _save(figure: Figure, path: Path) -> None:
+    """As PNG and as PDF, under a name without an ending; a PDF without a date is the same each time."""
     FigureCanvasAgg(figure)
-    figure.savefig(path, dpi=_DPI)
+    figure.savefig(f"{path}.png", dpi=_DPI)
+    figure.savefig(f"{path}.pdf", metadata={"CreationDate": None})
