@@ -2,6 +2,7 @@ import io
 import json
 import re
 import shutil
+import subprocess
 from dataclasses import replace
 
 import numpy as np
@@ -15,10 +16,12 @@ from eval.cells import Study
 from eval.errors import StudyError
 from eval.outcome import load
 from eval.paired import paired
-from eval.report import headlines, write_report
+from eval.report import headlines, of_recording, write_report
 from eval.study import run_study
-from eval.tables import consistency_table, failure_table, group_table, paired_table
+from eval.tables import Table, consistency_table, failure_table, group_table, paired_table
 from tests.eval.test_study import cell
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 
 
 @pytest.fixture(scope="module")
@@ -72,10 +75,82 @@ def test_the_figures_are_json_without_nan_and_show_every_run(folder, page):
     assert {t["xaxis"] for t in shown["biases-0"]["data"]} == {f"x{k}" for k in range(1, 7)}
 
 
-def test_pictures_lie_beside_the_page(folder, page):
+def test_pictures_and_tables_for_papers_lie_beside_the_page(folder, page):
     assert page
-    for name in ("ate-fake-tests.png", "ratios-fake-tests.png", "biases.png", "paths.png"):
-        assert (folder / "figures" / name).read_bytes()[:4] == b"\x89PNG"
+    for name in ("ate-fake-tests", "ratios-fake-tests", "biases", "paths"):
+        assert (folder / "figures" / f"{name}.png").read_bytes()[:4] == b"\x89PNG"
+        assert (folder / "figures" / f"{name}.pdf").read_bytes()[:4] == b"%PDF"
+    names = {"overview", "consistency", "scores-fake-tests", "paired-fake-tests"}
+    assert {path.stem for path in (folder / "tables").iterdir()} == names
+    (row,) = paired_table(paired(load(folder).records, "none")).rows
+    assert rf"{row[0]} & {row[1]} & {row[2]}" in (folder / "tables" / "paired-fake-tests.tex").read_text()
+
+
+def test_text_is_text_in_latex_too():
+    table = Table("a_b & 5 %", ("x^2", "−1 {m/s²}"), (("\\", "1 … 2"),))
+    assert table.latex().splitlines() == [
+        r"\begin{table}",
+        r"\caption{a\_b \& 5 \%}",
+        r"\begin{tabular}{lr}",
+        r"\toprule",
+        r"x\textasciicircum{}2 & $-$1 \{m/s$^2$\} \\",
+        r"\midrule",
+        r"\textbackslash{} & 1 \ldots{} 2 \\",
+        r"\bottomrule",
+        r"\end{tabular}",
+        r"\end{table}",
+    ]
+
+
+def test_every_run_is_listed_with_its_key_and_has_a_report_of_its_own(folder, page, monkeypatch, capsys):
+    records = load(folder).records
+    assert all(f"<code>{r.key}</code>" in page for r in records)
+    failed = next(r for r in records if r.failure)
+    row = page[: page.index(failed.key)].rpartition("<tr>")[2]
+    assert "no luck" in row and "fake 7" in row and "better" in row
+    key = next(r.key for r in records if r.config["seed"] == 3)
+    monkeypatch.setattr("sys.argv", ["python -m eval", "report", str(folder), "--run", key])
+    assert main() == 0
+    capsys.readouterr()
+    alone = (folder / "runs" / key / "report.html").read_text(encoding="utf-8")
+    assert "All 2 runs" in alone and "fake 3" in alone and "fake 4" not in alone
+    for wrong, found in (("", 14), ("nonsense", 0)):
+        with pytest.raises(StudyError, match=f"{found} runs have a key that begins with '{wrong}'"):
+            of_recording(load(folder), wrong)
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+def test_a_browser_draws_it_without_errors_and_without_network(folder, page, tmp_path):
+    """Every figure, every link's place, nothing on the console, nothing fetched from anywhere."""
+    assert page
+    dom, said, asked = opened(folder / "report.html", tmp_path)
+    wrong = re.compile(r"CONSOLE.*(Uncaught|Error|Failed|Refused|violat|not found)")  # hints on speed are no errors
+    assert not wrong.search(said), said
+    assert asked == set()
+    places = re.findall(r"<div class=\"([^\"]*)\"[^>]* data-(?:figure|example)=", dom)
+    assert len(places) == 5 and all("js-plotly-plot" in classes for classes in places)
+    dom = re.sub(r"<script>.*?</script>", "", dom, flags=re.DOTALL)
+    ids = set(re.findall(r' id="([^"]+)"', dom))
+    links = re.findall(r'<a href="([^"]+)"', dom)
+    assert links and all(link.startswith("#") and link[1:] in ids for link in links)
+
+
+def opened(page, folder):
+    """What a browser makes of a page: its document, what it says, and the origins of what it asks of the network."""
+    log = folder / "net.json"
+    flags = ["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"]
+    flags += ["--disable-component-update", "--disable-sync", "--disable-quic", f"--user-data-dir={folder / 'profile'}"]
+    flags += [
+        "--window-size=1200,12000",
+        "--virtual-time-budget=20000",
+        "--enable-logging=stderr",
+        f"--log-net-log={log}",
+    ]
+    done = subprocess.run(
+        [CHROMIUM, *flags, "--dump-dom", page.as_uri()], capture_output=True, text=True, check=True, timeout=100
+    )
+    asked = set(re.findall(r'"initiator":"([^"]+)"', log.read_text()))
+    return done.stdout, done.stderr, asked - {"not an origin"}  # which is the browser's own
 
 
 def test_the_headline_says_how_sure_it_is(folder):
@@ -193,5 +268,5 @@ def test_biases_show_what_sources_said_beside_the_filter_and_the_truth(folder, t
     low, high = figure["layout"]["yaxis5"]["range"]
     assert low < base.series["true_b_g_z"].min() and high > 2.4  # most of what was said about b_g z
     assert not any("visible" in t for t in figures.biases(records[:2], arms)["data"])  # no sources: all are shown
-    pictures.save_biases(records, arms, tmp_path / "biases.png")
+    pictures.save_biases(records, arms, tmp_path / "biases")
     assert (tmp_path / "biases.png").read_bytes()[:4] == b"\x89PNG"
