@@ -116,7 +116,7 @@ class Sides:
     def sight(self, views: Sequence[View], newest: int) -> Sight:
         """Of a feature that has these views, in the order of the frames."""
         frames, sides, points, stretch = zip(*views, strict=True)
-        noise = gtsam.noiseModel.Isotropic.Sigma(2, self.noise.sigma * float(np.mean(stretch)))
+        noise = gtsam.noiseModel.Isotropic.Sigma(2, self.noise.sigma * sum(stretch) / len(stretch))
         factor: Factor = gtsam.SmartProjectionRigFactorPinholePoseCal3_S2(noise, self._rig, self._params)
         factor.add(points, [X(k) for k in frames], sides)
         return Sight(factor, 2.0 * len(views) - 3.0, views[-1][0] == newest)

@@ -172,8 +172,9 @@ class Window:
             step, covariance = self._step(graph.linearize(self._values), ordering)
             self._values = self._values.retract(step)
             if step.norm() < self._config.settled:
-                break
-        found, nis, passed = self._tested(sights)
+                break  # what was tested before so small a step holds after it
+        else:
+            found, nis, passed = self._tested(sights)
         self._sides.noise.learn(nis, np.array([sight.dof for sight in found]))
         now = np.array([sight.now for sight in found], dtype=bool)
         return covariance, int((passed & now).sum()), int((~passed & now).sum())
