@@ -219,6 +219,43 @@ def starts(
     return 0
 
 
+def tables(
+    root: tyro.conf.Positional[Path],
+    out: Path = Path("results/tables"),
+    scheduler: str | None = None,
+    workers: int | None = None,
+) -> int:
+    """Make the paper's tables again, each figure beside the paper's: run what is left, and print them.
+
+    Args:
+        root: recordings with images, real ones or replays; sequences that the paper has and this has not stay open.
+        out: folder of the results, and of the tables for LaTeX; a run that was stopped goes on there.
+        scheduler: address of a Dask scheduler; a local cluster is started without one.
+        workers: processes of the local cluster, one for each core by default.
+    """
+    from eval.paper import PaperTables
+    from eval.report import save_tables, write_report
+    from eval.survey import Survey
+
+    console = _console()
+    with console.status("looking for recordings") as status:
+        survey = Survey.of(root, lambda recording: status.update(f"reading {recording}"))
+    asked = PaperTables(survey)
+    plan = asked.study()
+    check_priors(plan.cells, out)
+    outcome = _outcome(plan, out, scheduler, workers, console)
+    found = asked.tables(outcome)
+    for table in found.values():
+        console.print(table.rich())
+    page = write_report(outcome, out)
+    save_tables(found, out / "tables")
+    wrong = failure_table(outcome)
+    if wrong.rows:
+        console.print(wrong.rich())
+    console.print(f"Tables for LaTeX: {out / 'tables'}. Report: {page}")
+    return 1 if wrong.rows else 0
+
+
 def report(folder: tyro.conf.Positional[Path], run: str | None = None) -> int:
     """Write the report of a study anew, of as much as there is.
 
@@ -276,7 +313,7 @@ def main() -> int:
         "benchmark": benchmark,
     }
     commands |= {name: partial(dataset, name) for name in get_args(DatasetName)}
-    commands |= {"starts": starts, "report": report}
+    commands |= {"starts": starts, "tables": tables, "report": report}
     with command_line(EvalError, SimError, resumes=True):
         code: int = tyro.extras.subcommand_cli_from_dict(commands, prog="python -m eval")
         return code

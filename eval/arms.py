@@ -24,7 +24,8 @@ LEARNED = ("ipnet", "motion", "ipnet+motion")
 """The arms whose prior is inferred from the motion by a model of this project, with the model of its error."""
 WEIGHTS = (1.0, 10.0, 100.0, 1000.0, 10000.0)
 """W of the paper's own weighting, in 1/(rad/s) and 1/(m/s^2), when it is swept."""
-_PLAIN = (("prior.mode", "plain"),)
+PLAIN = (("prior.mode", "plain"),)
+"""Settings of the paper's own weighting, for both estimators."""
 
 
 @dataclass(frozen=True)
@@ -107,8 +108,8 @@ def told_all(sources: Sources) -> tuple[Arm, ...]:
     """All that there is, the rivals and the paper's own weighting of the network among it: the ablation."""
     plain: list[Arm] = []
     if sources.ipnet is not None:
-        figure_2 = (*_PLAIN, ("prior.preintegration", "prior"))
-        plain.append(Arm("paper-plain", sources.ipnet, overrides=_PLAIN))
+        figure_2 = (*PLAIN, ("prior.preintegration", "prior"))
+        plain.append(Arm("paper-plain", sources.ipnet, overrides=PLAIN))
         plain.append(Arm("paper-plain, figure 2", sources.ipnet, overrides=figure_2, estimators=("factor",)))
     device = {"constant": sources.constant, "window-mean": sources.window_mean}
     inferred = {"ipnet": sources.ipnet, "motion": sources.motion, "ipnet+motion": sources.joined}
@@ -119,7 +120,7 @@ def told_all(sources: Sources) -> tuple[Arm, ...]:
 def weighed(sources: Sources) -> tuple[Arm, ...]:
     """The paper's own weighting, from light to heavy weights, beside the modelled error of the same source."""
     swept = [
-        Arm(f"W = {weight:g}", sources.ipnet, overrides=(*_PLAIN, ("prior.weight", weight)))
+        Arm(f"W = {weight:g}", sources.ipnet, overrides=(*PLAIN, ("prior.weight", weight)))
         for weight in WEIGHTS
         if sources.ipnet is not None
     ]

@@ -1,7 +1,7 @@
 """What others have published: position ATE by sequence, as data with its sources in `published.yaml`."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -51,8 +51,13 @@ class Published:
         return Published(content["title"], tuple(content["sequences"]), tuple(systems))
 
     def sequence_in(self, name: str) -> str | None:
-        """The standard name within the name of a recording, as `room1` in `dataset-room1_512_16`."""
-        for sequence in self.sequences:
-            if re.search(rf"(?<![A-Za-z0-9]){sequence}(?![0-9])", name):
-                return sequence
-        return None
+        """The standard name within the name of a recording."""
+        return sequence_in(name, self.sequences)
+
+
+def sequence_in(name: str, sequences: Iterable[str]) -> str | None:
+    """The one of those names that is within the name of a recording, as `room1` in `dataset-room1_512_16`."""
+    for sequence in sequences:
+        if re.search(rf"(?<![A-Za-z0-9]){sequence}(?![0-9])", name):
+            return sequence
+    return None

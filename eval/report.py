@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from collections.abc import Sequence as ListLike
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -108,7 +108,7 @@ def write_report(outcome: Outcome, workspace: Path, folder: Path | None = None) 
     tables = {"overview": overview, "consistency": consistency} | ({"verdict": verdict} if verdict else {})
     for chapter in chapters:
         tables |= {f"{kind}-{chapter.place}": t for kind, t in zip(("scores", "paired"), chapter.tables, strict=True)}
-    _save_tables(tables, folder / "tables")
+    save_tables(tables, folder / "tables")
     return path
 
 
@@ -235,7 +235,8 @@ def _facts(outcome: Outcome) -> list[tuple[str, str]]:
     return [("Cells", cells), ("Wall clock", time), ("Base arm", outcome.index.base), ("Made with", versions)]
 
 
-def _save_tables(tables: dict[str, Table], place: Path) -> None:
+def save_tables(tables: Mapping[str, Table], place: Path) -> None:
+    """Write tables for LaTeX into a folder, by their names."""
     place.mkdir(exist_ok=True)
     for name, table in tables.items():
         if table.rows:

@@ -20,6 +20,8 @@ from navcore.trajectory import Trajectory
 
 PUBLIC_LABELS = Path(__file__).with_name("labels") / "public.json"
 """Labels of the public recordings, by the names that they have as downloaded."""
+FILTER_LABELS = PUBLIC_LABELS.with_name("filter.json")
+"""The same from the filter's own paths on replays, without motion capture."""
 
 
 @dataclass(frozen=True)
