@@ -240,6 +240,8 @@ def tables(
     console = _console()
     with console.status("looking for recordings") as status:
         survey = Survey.of(root, lambda recording: status.update(f"reading {recording}"))
+    for note in (*survey.notes, *(f"{x.name}: {x.objection}" for x in survey.recordings if x.objection)):
+        console.print(note, markup=False, highlight=False)
     asked = PaperTables(survey)
     plan = asked.study()
     check_priors(plan.cells, out)

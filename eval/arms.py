@@ -20,8 +20,6 @@ BASE = "none"
 """The arm that all others are compared with."""
 ESTIMATORS = ("msckf", "factor")
 """Those that the ablation holds against each other."""
-LEARNED = ("ipnet", "motion", "ipnet+motion")
-"""The arms whose prior is inferred from the motion by a model of this project, with the model of its error."""
 WEIGHTS = (1.0, 10.0, 100.0, 1000.0, 10000.0)
 """W of the paper's own weighting, in 1/(rad/s) and 1/(m/s^2), when it is swept."""
 PLAIN = (("prior.mode", "plain"),)
@@ -105,7 +103,8 @@ def told_joined(sources: Sources) -> tuple[Arm, ...]:
 
 
 def told_all(sources: Sources) -> tuple[Arm, ...]:
-    """All that there is, the rivals and the paper's own weighting of the network among it: the ablation."""
+    """The ablation's: nothing, memory, every inference, the rivals and the paper's own weighting of the network, the
+    truth."""
     plain: list[Arm] = []
     if sources.ipnet is not None:
         figure_2 = (*PLAIN, ("prior.preintegration", "prior"))

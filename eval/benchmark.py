@@ -76,9 +76,13 @@ class Benchmark:
             if self.ablation:
                 unseen = unseen_sources(clean.name, workspace, _knows_biases(sequence))
                 if unseen is None:
-                    left_out.append(f"{clean.name} is left out: no weights have not seen it")
+                    left_out.append(f"{clean.name} is left out: no split tests on a recording of this name")
                     continue
-                arms = told_all(unseen)
+                sources, missing = unseen
+                left_out += [
+                    f"{clean.name} is not told {spec}: there is no such source, or it saw it" for spec in missing
+                ]
+                arms = (*told_all(sources), *extra)
             for step, degrade in self._fitting(steps, sequence, clean.name, left_out):
                 source = Degraded(clean, degrade, self.spec.seed) if degrade else clean
                 for estimator in ESTIMATORS if self.ablation else ESTIMATORS[:1]:

@@ -11,6 +11,7 @@ import pandas as pd
 
 from eval.arms import BASE, ESTIMATORS, PLAIN, Arm
 from eval.cells import Cell, Source, Study
+from eval.errors import StudyError
 from eval.flights import Flight, RenderedFlight
 from eval.outcome import Outcome
 from eval.paired import frame
@@ -26,8 +27,8 @@ from navcore.readers import open_sequence
 from sim.benchmark import duration_s
 
 _FILE = Path(__file__).with_name("paper.yaml")
-FULL_RATE, HALF_RATE = "20 Hz", "10 Hz"
-TABLE_1, TABLE_2, TABLE_3 = "table I", "table II", "table III"
+_FULL_RATE, _HALF_RATE = "20 Hz", "10 Hz"
+_TABLE_1, _TABLE_2, _TABLE_3 = "table I", "table II", "table III"
 INDOORS = "sim-handheld-n100"
 """Weights for table III: a hand-held rig in a room, with the IMU that the paper's own recordings have."""
 _IMU, _SECONDS, _NIGHT = "n100", 60.0, "low_light:3@0-60"
@@ -45,18 +46,25 @@ class PaperTables:
     survey: Survey
 
     def study(self) -> Study:
-        """All runs behind the tables."""
+        """All runs behind the tables, of whole recordings.
+
+        Raises:
+            StudyError: two recordings are the same sequence.
+        """
         figures = load_yaml(_FILE)
         cells: list[Cell] = []
+        places: dict[str, Path] = {}
         for listed in self.survey.recordings:
-            for table, key in ((TABLE_1, "table_1"), (TABLE_2, "table_2")):
+            for table, key in ((_TABLE_1, "table_1"), (_TABLE_2, "table_2")):
                 name = sequence_in(listed.name, figures[key])
-                if name is None or listed.source is None:
+                if name is None or listed.source is None or not listed.whole:
                     continue
-                for rate, source in _rates(listed.source) if table == TABLE_1 else [(FULL_RATE, listed.source)]:
-                    cells += _cells(source, table, f"{name}, {rate}", 1, _arms(table, listed.name))
+                if places.setdefault(name, listed.path) != listed.path:
+                    raise StudyError(f"{places[name]} and {listed.path}: both are {name}; expected one")
+                for rate, source in _rates(listed.source) if table == _TABLE_1 else [(_FULL_RATE, listed.source)]:
+                    cells += _cells(source, table, f"{name}, {rate}", 1, _arms(table, name))
         for source, condition, seed in _unlike():
-            cells += _cells(source, TABLE_3, condition, seed, _elsewhere())
+            cells += _cells(source, _TABLE_3, condition, seed, _elsewhere())
         return Study("The paper's tables", tuple(cells), BASE)
 
     def tables(self, outcome: Outcome) -> dict[str, Table]:
@@ -74,15 +82,15 @@ class PaperTables:
 
 def _rates(source: Recording) -> Iterator[tuple[str, Source]]:
     """As recorded, and with every second image, as the paper's baseline got them."""
-    yield FULL_RATE, source
-    yield HALF_RATE, Degraded(source, f"low_rate:1@0-{duration_s(open_sequence(Path(source.path))):.3f}", 1)
+    yield _FULL_RATE, source
+    yield _HALF_RATE, Degraded(source, f"low_rate:1@0-{duration_s(open_sequence(Path(source.path))):.3f}", 1)
 
 
-def _arms(table: str, recording: str) -> tuple[Arm, ...]:
+def _arms(table: str, sequence: str) -> tuple[Arm, ...]:
     """The base, the paper's arm or the rival's, and this project's two sources; none has seen the recording."""
-    weights = "euroc-table2" if table == TABLE_2 else "tumvi" if "room" in recording else "euroc"
+    weights = "euroc-table2" if table == _TABLE_2 else "tumvi" if sequence.startswith("room") else "euroc"
     paper = Arm("paper", f"ipnet:paper-{weights}", overrides=PLAIN)
-    special = Arm("recursive", f"recursive:{weights}") if table == TABLE_2 else paper
+    special = Arm("recursive", f"recursive:{weights}") if table == _TABLE_2 else paper
     return Arm(BASE, "none"), special, Arm("ipnet", f"ipnet:{weights}"), Arm("motion", f"motion:{weights}")
 
 
@@ -112,9 +120,9 @@ def _table_1(runs: pd.DataFrame, figures: dict[str, Any]) -> Table:
     """Every sequence of the paper's, at both rates, with both estimators; its own figures beside."""
     rows = []
     for name, theirs in figures.items():
-        for rate in (FULL_RATE, HALF_RATE):
+        for rate in (_FULL_RATE, _HALF_RATE):
             for estimator in ESTIMATORS:
-                mine = _runs(runs, TABLE_1, f"{name}, {rate}", estimator)
+                mine = _runs(runs, _TABLE_1, f"{name}, {rate}", estimator)
                 ours = [_scores(mine, arm) for arm in (BASE, "paper", "ipnet", "motion")]
                 row = [name, rate, estimator, *(text for scores in ours for text in _pair(scores, ours[0]))]
                 rows.append((*row, *_pair(theirs["baseline"]), *_pair(theirs["factor"], theirs["baseline"])))
@@ -126,9 +134,9 @@ def _table_1(runs: pd.DataFrame, figures: dict[str, Any]) -> Table:
 def _initial_phase(runs: pd.DataFrame) -> Table:
     """ATE of the first ten seconds, in the order of table I; the paper shows a picture of V2_01."""
     arms, rows = (BASE, "paper", "ipnet", "motion"), []
-    for name in dict.fromkeys(runs[runs.regime == TABLE_1].condition):
+    for name in dict.fromkeys(runs[runs.regime == _TABLE_1].condition):
         for estimator in ESTIMATORS:
-            mine = _runs(runs, TABLE_1, name, estimator)
+            mine = _runs(runs, _TABLE_1, name, estimator)
             values = [_median(mine[mine.arm == arm], "initial_ate_m") for arm in arms]
             rows.append((name, estimator, *(number(value, ".4f") for value in values)))
     columns = ("sequence", "estimator", BASE, "paper's net", "ipnet", "motion")
@@ -140,7 +148,7 @@ def _table_2(runs: pd.DataFrame, figures: dict[str, Any]) -> Table:
     rows = []
     for name, theirs in figures.items():
         for estimator in ESTIMATORS:
-            mine = _runs(runs, TABLE_2, f"{name}, {FULL_RATE}", estimator)
+            mine = _runs(runs, _TABLE_2, f"{name}, {_FULL_RATE}", estimator)
             ours = [_scores(mine, arm) for arm in (BASE, "recursive", "ipnet", "motion")]
             row = [name, estimator, *(text for scores in ours for text in _pair(scores, ours[0]))]
             rows.append((*row, number(theirs["recursive"][0], ".3f"), *_pair(theirs["factor"])))
@@ -157,12 +165,13 @@ def _table_3(runs: pd.DataFrame, figures: dict[str, Any]) -> Table:
         known = [s for s in figures.values() if s["group"] == group and np.isfinite(s["baseline"][0])]
         theirs = [[float(np.mean([s[k][i] for s in known])) for i in range(2)] for k in ("baseline", "factor")]
         for estimator in ESTIMATORS:
-            mine = _runs(runs, TABLE_3, group, estimator)
+            mine = _runs(runs, _TABLE_3, group, estimator)
             ours = [_scores(mine, arm) for arm in (BASE, "paper", "ipnet")]
             row = [group, estimator, *(text for scores in ours for text in _pair(scores, ours[0]))]
             rows.append((*row, *_pair(theirs[0]), *_pair(theirs[1], theirs[0])))
     heads = [f"{arm} {what}" for arm in (BASE, "ipnet, plain", "ipnet") for what in ("ATE", "RPE")]
-    title = "Table III's idea: learned from a hand-held rig indoors, applied to a rover outdoors (simulated)"
+    title = "Table III's idea: learned from a hand-held rig indoors, applied to a rover outdoors. Medians of simulated"
+    title += " flights beside means of the paper's recordings that did not diverge"
     return Table(title, ("recordings", "estimator", *heads, *_THEIRS), tuple(rows), labels=2)
 
 
@@ -182,17 +191,18 @@ def _speed(runs: pd.DataFrame, figures: dict[str, Any]) -> Table:
         seconds = network.config.samples / network.config.rate_hz
         rows.append((f"windows of {seconds:.0f} s", f"{1.0 / np.median(took):.0f}", f"{figures['windows_hz']}"))
     for estimator in ESTIMATORS:
-        mine = runs[(runs.estimator == estimator) & (runs.arm == "ipnet") & (runs.regime != TABLE_3)]
-        cost = _median(mine, "cpu_ms_per_frame")
+        mine = runs[(runs.estimator == estimator) & (runs.arm == "ipnet") & runs.condition.str.endswith(_FULL_RATE)]
+        cost = _median(mine, "estimator_ms_per_frame")
         rows.append((f"frames, {estimator} with ipnet", number(1e3 / cost, ".0f"), f"{figures['system_hz']}"))
-    return Table("Speed: how often a second, in CPU time", ("", "here, one thread", "Yi et al., RTX 4090"), tuple(rows))
+    columns = ("", "here, one thread", "Yi et al., RTX 4090")
+    return Table("Speed: how often a second, in CPU time, images being decoded", columns, tuple(rows))
 
 
 def _labels() -> Table:
     """Labels from the filter's own path less those from motion capture, largest axis; the paper shows pictures."""
     captured, own = read_labels(PUBLIC_LABELS), read_labels(FILTER_LABELS)
     rows = []
-    for name, label in own.items():
+    for name, label in ((n, label) for n, label in own.items() if n in captured):
         wrong = label.bias - captured[name].bias
         sigma = np.sqrt(np.diagonal(label.covariance + captured[name].covariance))
         gyro, accel, both = np.abs(wrong[:3]).max(), np.abs(wrong[3:]).max(), np.sqrt(np.mean((wrong / sigma) ** 2))
@@ -209,11 +219,12 @@ def _runs(runs: pd.DataFrame, table: str, condition: str, estimator: str) -> pd.
 
 
 def _scores(runs: pd.DataFrame, arm: str) -> list[float]:
-    """Median ATE and RPE of an arm; infinite where it diverged, unknown where it was not run."""
+    """Median ATE and RPE of an arm's runs that did not diverge; infinite if all did, unknown where none was run."""
     mine = runs[runs.arm == arm]
-    if len(mine) and (mine.diverged == 1.0).mean() > 0.5:
+    good = mine[mine.diverged == 0.0]
+    if len(mine) and not len(good):
         return [np.inf, np.inf]
-    return [_median(mine, "ate_m"), _median(mine, "rpe_rad")]
+    return [_median(good, "ate_m"), _median(good, "rpe_rad")]
 
 
 def _median(runs: pd.DataFrame, name: str) -> float:

@@ -19,7 +19,7 @@ LYING = "moving_objects"
 POOREST = tuple(GRADES)[-1]
 """The IMU grade with the largest biases, which walk fastest."""
 _LONG_S = 10.0
-"""An outage of this length counts as vision gone bad."""
+"""Without images for so long in all, but for what a schedule rounds, vision counts as gone bad."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def kind_of(degradations: Iterable[Degradation]) -> Kind:
     """What a study's headline counts vision as: wrong, or away for long, is degraded."""
     found = tuple(degradations)
     away_s = sum(d.end_s - d.start_s for d in found if d.kind == "blackout")
-    if away_s >= _LONG_S or any(d.kind == LYING for d in found):
+    if away_s > _LONG_S - 0.01 or any(d.kind == LYING for d in found):
         return "degraded"
     return "other" if found else "clean"
 

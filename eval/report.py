@@ -37,7 +37,7 @@ _SHOWN_ROWS = 150
 @dataclass(frozen=True)
 class Chapter:
     """A regime of a platform and an estimator, as the page shows it: its place there, its figures by kind, its tables,
-    and all of its runs with the keys of their records."""
+    all of its runs with the keys of their records, and what its pictures are drawn from."""
 
     platform: str
     title: str
@@ -45,6 +45,8 @@ class Chapter:
     figures: dict[str, Any]
     tables: list[Table]
     runs: list[tuple[str, tuple[str, ...]]]
+    good: list[Record]
+    pairs: list[Paired]
 
 
 _RUN = ("condition", "arm", "recording", "ATE [m]", "ATE [°]", "complete", "start [s]", "")
@@ -104,7 +106,7 @@ def write_report(outcome: Outcome, workspace: Path, folder: Path | None = None) 
     partial = path.with_name(".report.html.partial")
     partial.write_text(text, encoding="utf-8")
     partial.replace(path)
-    _save_figures(records, pairs, arms, examples, folder / "figures")
+    _save_figures(chapters, arms, examples, folder / "figures")
     tables = {"overview": overview, "consistency": consistency} | ({"verdict": verdict} if verdict else {})
     for chapter in chapters:
         tables |= {f"{kind}-{chapter.place}": t for kind, t in zip(("scores", "paired"), chapter.tables, strict=True)}
@@ -116,16 +118,17 @@ def of_recording(outcome: Outcome, key: str) -> Outcome:
     """All that a study has of the recording and condition of one of its runs: every arm of every estimator.
 
     Raises:
-        StudyError: no run has a key that begins so, or several have.
+        StudyError: no run that is done has a key that begins so, or several have.
     """
-    keys = sorted({k for k in outcome.index.keys if k.startswith(key)})
+    keys = sorted({r.key for r in outcome.records if r.key.startswith(key)})
     if len(keys) != 1:
-        raise StudyError(f"{len(keys)} runs have a key that begins with {key!r}; expected one")
+        raise StudyError(f"{len(keys)} runs that are done have a key that begins with {key!r}; expected one")
     names = ("platform", "regime", "condition", "seed")
-    chosen = next(r.config for r in outcome.records if r.key == keys[0])
-    mine = tuple(r for r in outcome.records if all(r.config[n] == chosen[n] for n in names))
-    title = f"{outcome.index.name}: {chosen['platform']}, {chosen['regime']}, {chosen['condition']}"
-    return replace(outcome, index=replace(outcome.index, name=title), records=mine, missing=(), errors=())
+    places = {tuple(r.config[n] for n in names) for r in outcome.records if r.key == keys[0]}  # that share it
+    mine = tuple(r for r in outcome.records if tuple(r.config[n] for n in names) in places)
+    seconds = sum(r.scores.get("wall_s", 0.0) for r in mine)
+    index = replace(outcome.index, name=f"{outcome.index.name}: {mine[0].config['recording']}", seconds=seconds)
+    return replace(outcome, index=index, records=mine, missing=(), errors=())
 
 
 def _verdict(outcome: Outcome) -> Table | None:
@@ -147,7 +150,7 @@ def headlines(pairs: list[Paired]) -> list[str]:
         better = sum(p.high < 1.0 for p in known if p.high is not None)
         worse = sum(p.low > 1.0 for p in known if p.low is not None)
         middle = percent(float(np.median([p.median for p in known if p.median is not None])))
-        apart = sum(p.diverged for p in mine), sum(p.base_diverged for p in mine)
+        apart = sum(p.diverged for p in once.values()), sum(p.base_diverged for p in once.values())
         line = f"{estimator}, {arm}" if several else arm
         line += f": ATE {middle} against {known[0].base} in the middle of {len(known)} conditions; the whole"
         line += f" interval is better in {better}, worse in {worse}; {apart[0]} runs diverged against {apart[1]}."
@@ -166,7 +169,7 @@ def _chapters(records: ListLike[Record], pairs: list[Paired], arms: list[str]) -
         drawn |= {"ratios": ratios} if ratios else {}
         title, place = f"{regime}{_whose(estimator, records)}", _slug(platform, regime, _whose(estimator, records))
         tables, runs = [group_table(group), paired_table(mine)], [(r.key, _run_row(r)) for r in group]
-        chapters.append(Chapter(platform, title, place, drawn, tables, runs))
+        chapters.append(Chapter(platform, title, place, drawn, tables, runs, good, mine))
     return chapters
 
 
@@ -243,15 +246,12 @@ def save_tables(tables: Mapping[str, Table], place: Path) -> None:
             (place / f"{name}.tex").write_text(table.latex(), encoding="utf-8")
 
 
-def _save_figures(
-    records: list[Record], pairs: list[Paired], arms: list[str], examples: list[list[Record]], place: Path
-) -> None:
+def _save_figures(chapters: list[Chapter], arms: list[str], examples: list[list[Record]], place: Path) -> None:
     place.mkdir(exist_ok=True)
-    for (platform, regime, estimator), group in _regimes(records).items():
-        mine = [p for p in pairs if (p.platform, p.regime, p.estimator) == (platform, regime, estimator)]
-        name = _slug(platform, regime, _whose(estimator, records))
-        pictures.save_ates(group, arms, place / f"ate-{name}")
-        pictures.save_ratios(group, mine, arms, place / f"ratios-{name}")
+    for chapter in chapters:
+        if chapter.good:
+            pictures.save_ates(chapter.good, arms, place / f"ate-{chapter.place}")
+        pictures.save_ratios(chapter.good, chapter.pairs, arms, place / f"ratios-{chapter.place}")
     if examples:
         pictures.save_biases(examples[0], arms, place / "biases")
         pictures.save_paths(examples[0], arms, place / "paths")

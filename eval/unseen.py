@@ -2,45 +2,51 @@
 
 from pathlib import Path
 
-from eval.arms import Sources, write_constant
+from eval.arms import Sources
+from eval.kept import kept
 from ipnet.device import learn
 from ipnet.errors import ConfigError
 from ipnet.recordings import PUBLIC_LABELS, read_labels
 from ipnet.seen import seen_by
-from ipnet.splits import SPLITS
+from ipnet.splits import unseen_split
 
 _WINDOW_S = 5
 
 
-def unseen_sources(recording: str, workspace: Path, truth: bool) -> Sources | None:
-    """The sources of the first split that tests on a recording; None if none does.
+def unseen_sources(recording: str, workspace: Path, truth: bool) -> tuple[Sources, tuple[str, ...]] | None:
+    """The sources of the first split that has not seen a recording, and those that it has not; None if there is no such
+    split, or the name is none of a public recording.
 
-    The device's memory is what the labels of the split's other recordings say of it.
+    The device's memory is what the labels of the split's training recordings say of it.
 
     Args:
         recording: its name.
         workspace: the study's folder, where the file of the prior `constant` is put.
         truth: whether the recording's truth knows the biases.
     """
-    split = next((name for name, parts in SPLITS.items() if recording in parts.test), None)
+    split = unseen_split(recording)
     if split is None:
         return None
+    name, parts = split
     labels = read_labels(PUBLIC_LABELS)
-    device = learn([labels[name] for name in SPLITS[split].train])
-    return Sources(
-        constant=f"constant:{write_constant(workspace, device.mean, device.covariance)}",
-        window_mean=_unless_seen(recording, f"window-mean:{split}-{_WINDOW_S}"),
-        ipnet=_unless_seen(recording, f"ipnet:{split}"),
-        motion=_unless_seen(recording, f"motion:{split}"),
-        joined=_unless_seen(recording, f"ipnet+motion:{split}"),
-        recursive=_unless_seen(recording, f"recursive:{split}"),
-        truth=truth,
-    )
+    memory = workspace / f"device-{name}.json"
+    workspace.mkdir(parents=True, exist_ok=True)
+    learn([labels[trained] for trained in parts.train]).write(memory)
+    specs = {
+        "window_mean": f"window-mean:{name}-{_WINDOW_S}",
+        "ipnet": f"ipnet:{name}",
+        "motion": f"motion:{name}",
+        "joined": f"ipnet+motion:{name}",
+        "recursive": f"recursive:{name}",
+    }
+    there = {kind: spec if _made_without(recording, spec) else None for kind, spec in specs.items()}
+    missing = tuple(spec for kind, spec in specs.items() if there[kind] is None)
+    return Sources(constant=kept(f"constant:{memory}", workspace), **there, truth=truth), missing
 
 
-def _unless_seen(recording: str, spec: str) -> str | None:
-    """The source, if there is one of that name and it has not seen the recording."""
+def _made_without(recording: str, spec: str) -> bool:
+    """Whether there is a source of that name, and it has not seen the recording."""
     try:
-        return None if recording in seen_by(spec) else spec
+        return recording not in seen_by(spec)
     except ConfigError:
-        return None
+        return False

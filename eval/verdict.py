@@ -13,10 +13,18 @@ from eval.records import Record
 from eval.tables import NOTHING, Table, percent
 from navcore.arrays import Floats
 
-CONSTANT, TRUTH = "constant", "truth"
-BIASES = ("b_g", "b_a")
+_CONSTANT, _TRUTH = "constant", "truth"
+_BIASES = ("b_g", "b_a")
 _DRAWS = 2000
-_FEWEST = 6  # groups of runs, fewer give no interval
+_FEWEST = 6  # seeds, fewer give no interval
+
+
+@dataclass(frozen=True)
+class Lost:
+    """Runs that only one of two arms lost: it diverged or raised, and the other did not."""
+
+    rescued: int = 0  # only the base
+    spoilt: int = 0  # only the arm
 
 
 @dataclass(frozen=True)
@@ -24,54 +32,61 @@ class Verdict:
     """One arm of one estimator over all cells of a study, which were chosen by design.
 
     Attributes:
-        estimator, arm: whose.
+        estimator, arm: whose; of the base only what it says of itself.
         runs: pairs with the base in degraded cells, neither of which diverged.
         ratio: median of ATE over that of the base in them; None without any.
-        low, high: its interval at 95 %, by drawing flights anew (all cells that share a flight's noise together).
-        rescued, spoilt: degraded runs in which only the base diverged, and only the arm.
+        low, high: its interval at 95 %, by drawing seeds anew: all runs of a seed share their IMU's noise.
+        lost, clean_lost: runs that only one of them lost, in degraded cells and in clean ones.
         clean: mean (of logarithms) of the same ratio over the clean cells' medians.
         worse: clean cells whose whole interval is above 1, and of how many.
         share: median over those degraded cells in which the gain of the truth is certain, of this arm's gain as a share
             of it (logarithms); None without such a cell.
         certain: how many cells those are.
         beats_constant: share of the paired runs in these cells that are better than with the device's memory.
-        nees: mean by degree of freedom of b_g and of b_a over the runs of clean cells that have one.
+        nees: mean by degree of freedom of b_g and of b_a over the runs of clean cells that know it and did not diverge.
     """
 
     estimator: str
     arm: str
-    runs: int
-    ratio: float | None
-    low: float | None
-    high: float | None
-    rescued: int
-    spoilt: int
-    clean: float | None
-    worse: tuple[int, int]
-    share: float | None
-    certain: int
-    beats_constant: float | None
-    nees: tuple[float | None, float | None]
+    runs: int = 0
+    ratio: float | None = None
+    low: float | None = None
+    high: float | None = None
+    lost: Lost = Lost()
+    clean_lost: Lost = Lost()
+    clean: float | None = None
+    worse: tuple[int, int] = (0, 0)
+    share: float | None = None
+    certain: int = 0
+    beats_constant: float | None = None
+    nees: tuple[float | None, float | None] = (None, None)
 
 
 def verdicts(records: Iterable[Record], base: str = BASE) -> list[Verdict]:
-    """All arms but the base, estimator by estimator; empty where no cell counts as degraded or as clean."""
-    records = [r for r in records if r.config.get("kind", "other") != "other"]
-    kinds = {_place(r.config): str(r.config["kind"]) for r in records}
-    pairs, beside_constant = paired(records, base), paired(records, CONSTANT)
-    honest = [r for r in records if r.config["kind"] == "clean"]
-    table = frame(records)
+    """All arms, estimator by estimator; runs that regimes share count once. Empty if no cell is degraded or clean."""
+    once = {(r.key, r.config["arm"]): r for r in reversed([*records]) if r.config.get("kind", "other") != "other"}
+    counted = [*reversed(once.values())]
+    if not counted:
+        return []
+    kinds = {_place(r.config): str(r.config["kind"]) for r in counted}
+    pairs, beside_constant = paired(counted, base), paired(counted, _CONSTANT)
+    table = frame(counted)
+    table["kind"] = [r.config["kind"] for r in counted]
     found = []
     for estimator in table.estimator.unique():
         own = [p for p in pairs if p.estimator == estimator]
-        sure = {p.group: p for p in own if p.arm == TRUTH and p.high is not None and p.high < 1.0}
-        for arm in dict.fromkeys(p.arm for p in own):
+        runs = table[table.estimator == estimator]
+        gains = [p for p in own if p.arm == _TRUTH and kinds[_of(p)] == "degraded"]
+        sure = {p.group: p for p in gains if p.high is not None and p.high < 1.0}
+        for arm in runs.arm.unique():
+            honest = [r for r in counted if (r.config["estimator"], r.config["arm"]) == (estimator, arm)]
+            nees = _nees([r for r in honest if r.config["kind"] == "clean" and r.scores.get("diverged") == 0.0])
+            if arm == base:
+                found.append(Verdict(str(estimator), arm, nees=nees))
+                continue
             mine = [p for p in own if p.arm == arm]
-            degraded = [p for p in mine if kinds[_of(p)] == "degraded"]
-            clean = [p for p in mine if kinds[_of(p)] == "clean"]
+            degraded, clean = ([p for p in mine if kinds[_of(p)] == kind] for kind in ("degraded", "clean"))
             ratio, low, high = _pooled(degraded)
-            runs = table[(table.estimator == estimator) & table.arm.isin((base, arm))]
-            rescued, spoilt = _survival(runs[[kinds[_place(row)] == "degraded" for _, row in runs.iterrows()]], arm)
             known = [p for p in degraded if p.group in sure and p.median is not None]
             against = [p for p in beside_constant if p.estimator == estimator and p.arm == arm and p.group in sure]
             found.append(
@@ -82,14 +97,14 @@ def verdicts(records: Iterable[Record], base: str = BASE) -> list[Verdict]:
                     ratio=ratio,
                     low=low,
                     high=high,
-                    rescued=rescued,
-                    spoilt=spoilt,
+                    lost=_lost(runs[runs.kind == "degraded"], arm, base),
+                    clean_lost=_lost(runs[runs.kind == "clean"], arm, base),
                     clean=_mean(clean),
                     worse=(sum(p.low is not None and p.low > 1.0 for p in clean), len(clean)),
                     share=float(np.median([_share(p, sure[p.group]) for p in known])) if known else None,
                     certain=len(known),
                     beats_constant=_better(against),
-                    nees=_nees([r for r in honest if (r.config["estimator"], r.config["arm"]) == (estimator, arm)]),
+                    nees=nees,
                 )
             )
     return found
@@ -98,37 +113,36 @@ def verdicts(records: Iterable[Record], base: str = BASE) -> list[Verdict]:
 def verdict_table(found: Iterable[Verdict]) -> Table:
     """A row for each estimator and arm."""
     columns = (
-        *("estimator", "arm", "degraded: ATE (95 %)", "pairs", "rescued / spoilt", "clean: ATE", "clean cells worse"),
+        *("estimator", "arm", "degraded: ATE (95 %)", "pairs", "rescued / spoilt"),
+        *("clean: ATE", "clean cells worse", "rescued / spoilt"),
         *("share of truth's gain", "cells where that is certain", "better than constant", "NEES b_g, b_a"),
     )
     rows = []
     for v in found:
         interval = f" ({percent(v.low)} … {percent(v.high)})" if v.low is not None and v.high is not None else ""
-        rows.append(
-            (
-                *(v.estimator, v.arm),
-                f"{percent(v.ratio)}{interval}" if v.ratio is not None else NOTHING,
-                *(str(v.runs), f"{v.rescued} / {v.spoilt}"),
-                f"{100.0 * (v.clean - 1.0):+.1f} %".replace("-", "−") if v.clean is not None else NOTHING,
-                f"{v.worse[0]} of {v.worse[1]}",
-                f"{v.share:.0%}".replace("-", "−") if v.share is not None else NOTHING,
-                str(v.certain),
-                f"{v.beats_constant:.0%}" if v.beats_constant is not None else NOTHING,
-                ", ".join(f"{n:.2f}" if n is not None else NOTHING for n in v.nees),
-            )
+        told = (
+            f"{percent(v.ratio)}{interval}" if v.ratio is not None else NOTHING,
+            *(str(v.runs), f"{v.lost.rescued} / {v.lost.spoilt}"),
+            f"{100.0 * (v.clean - 1.0):+.1f} %".replace("-", "−") if v.clean is not None else NOTHING,
+            *(f"{v.worse[0]} of {v.worse[1]}", f"{v.clean_lost.rescued} / {v.clean_lost.spoilt}"),
+            f"{v.share:.0%}".replace("-", "−") if v.share is not None else NOTHING,
+            str(v.certain),
+            f"{v.beats_constant:.0%}" if v.beats_constant is not None else NOTHING,
         )
+        known = told if v.runs or v.worse[1] else (NOTHING,) * len(told)
+        rows.append((v.estimator, v.arm, *known, ", ".join(f"{n:.2f}" if n is not None else NOTHING for n in v.nees)))
     return Table("What each prior does, over all cells", columns, tuple(rows), labels=2)
 
 
 def _pooled(pairs: list[Paired]) -> tuple[float | None, float | None, float | None]:
-    """Median ratio over the pairs of all cells, with an interval by a bootstrap of whole flights."""
-    flights: dict[tuple[str, int], list[float]] = {}
+    """Median ratio over the pairs of all cells, with an interval by a bootstrap of whole seeds."""
+    seeds: dict[int, list[float]] = {}
     for p in pairs:
         for seed, value in zip(p.seeds, p.log_ratios, strict=True):
-            flights.setdefault((p.platform, seed), []).append(float(value))
-    if not flights:
+            seeds.setdefault(seed, []).append(float(value))
+    if not seeds:
         return None, None, None
-    groups = [np.array(values) for values in flights.values()]
+    groups = [np.array(values) for values in seeds.values()]
     median = float(np.exp(np.median(np.concatenate(groups))))
     if len(groups) < _FEWEST:
         return median, None, None
@@ -145,15 +159,14 @@ def _mean(pairs: list[Paired]) -> float | None:
     return float(np.exp(np.mean(np.log(medians)))) if len(medians) else None
 
 
-def _survival(runs: pd.DataFrame, arm: str) -> tuple[int, int]:
-    """Runs in which only the base diverged, and only the arm."""
-    wide = runs.pivot_table(
-        index=["platform", "regime", "condition", "seed"], columns="arm", values="diverged", aggfunc="max"
-    )
-    if len(wide.columns) < 2:
-        return 0, 0
-    mine, other = wide[arm], wide[next(name for name in wide.columns if name != arm)]
-    return int(((other == 1.0) & (mine == 0.0)).sum()), int(((mine == 1.0) & (other == 0.0)).sum())
+def _lost(runs: pd.DataFrame, arm: str, base: str) -> Lost:
+    """Runs that only one of the two lost."""
+    cell = ["platform", "regime", "condition", "seed"]
+    bad = runs.assign(bad=(runs.diverged == 1.0) | runs.failure.notna())
+    mine, other = (bad[bad.arm == name].set_index(cell)["bad"] for name in (arm, base))
+    both = mine.index.intersection(other.index)
+    lost, base_lost = mine[both].to_numpy(dtype=bool), other[both].to_numpy(dtype=bool)
+    return Lost(int((base_lost & ~lost).sum()), int((lost & ~base_lost).sum()))
 
 
 def _share(pair: Paired, truth: Paired) -> float:
@@ -169,7 +182,7 @@ def _better(pairs: list[Paired]) -> float | None:
 def _nees(records: list[Record]) -> tuple[float | None, float | None]:
     """Mean by degree of freedom over the moments of each run, then over runs, of the biases."""
     means: list[float | None] = []
-    for name in BIASES:
+    for name in _BIASES:
         column = f"nees_{name}"
         runs: list[Floats] = [r.series[column].to_numpy() for r in records if column in r.series]
         values = [float(np.nanmean(run)) for run in runs if np.isfinite(run).any()]

@@ -14,11 +14,13 @@ Figure = dict[str, Any]
 ARM_COLOURS = (
     *("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#8A6FDF", "#8C6D31"),
     *("#66A61E", "#E7298A", "#1B9E9E", "#B3A400", "#A0522D"),
+    *("#4477AA", "#AA3377", "#228833", "#EE6677", "#997700"),
 )
 """Okabe and Ito's, told apart by all kinds of colour vision, and more; in the order in which arms come."""
 ARM_SYMBOLS = (
     *("circle", "square", "diamond", "triangle-up", "x", "cross", "star", "triangle-down"),
     *("pentagon", "hexagon", "triangle-left", "triangle-right", "hourglass"),
+    *("bowtie", "star-square", "diamond-tall", "hexagram", "diamond-wide"),
 )
 TRUTH_COLOUR = "#808080"
 GROUND_TRUTH = "ground truth"

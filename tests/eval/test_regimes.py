@@ -1,7 +1,9 @@
+import numpy as np
 import pytest
 
-from eval.regimes import Setting, difficulties, graded, grades, outage, start_in_motion
+from eval.regimes import Setting, difficulties, graded, grades, kind_of, outage, start_in_motion
 from sim.degrade import Schedule
+from sim.degrade.spec import Spec
 from sim.imu import GRADES
 from sim.platforms import DIFFICULTIES
 
@@ -32,6 +34,16 @@ def test_starts_in_motion_have_fewer_and_fewer_features():
     ]
     points = regime.conditions[1].setting.points("quadrotor", 3)
     assert points.max_features == 12 and points.flight.moving_start and points.flight.seed == 3
+
+
+def test_an_outage_of_ten_seconds_counts_however_its_schedule_is_rounded():
+    spec = Spec.load("v1")
+    lengths = np.random.default_rng(1).uniform(60.0, 200.0, 200)
+    kinds = {kind_of(spec.schedule("outage-10-early", float(s)).degradations) for s in lengths}
+    assert kinds == {"degraded"}
+    assert {kind_of(spec.schedule("outage-5-early", float(s)).degradations) for s in lengths} == {"other"}
+    assert kind_of(spec.schedule("crowd", 100.0).degradations) == "degraded"
+    assert kind_of(spec.schedule("clean", 100.0).degradations) == "clean"
 
 
 @pytest.mark.parametrize(

@@ -115,7 +115,7 @@ def test_every_run_is_listed_with_its_key_and_has_a_report_of_its_own(folder, pa
     alone = (folder / "runs" / key / "report.html").read_text(encoding="utf-8")
     assert "All 2 runs" in alone and "fake 3" in alone and "fake 4" not in alone
     for wrong, found in (("", 14), ("nonsense", 0)):
-        with pytest.raises(StudyError, match=f"{found} runs have a key that begins with '{wrong}'"):
+        with pytest.raises(StudyError, match=f"{found} runs that are done have a key that begins with '{wrong}'"):
             of_recording(load(folder), wrong)
 
 

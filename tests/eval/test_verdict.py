@@ -1,11 +1,13 @@
 """The headline over all cells, from records whose errors are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from eval.records import Record
-from eval.verdict import verdict_table, verdicts
+from eval.verdict import Lost, verdict_table, verdicts
 
 T_NS = np.arange(40) * 200_000_000
 WAVE = np.array([[np.sin(0.7 * k), np.cos(1.1 * k), np.sin(0.4 * k)] for k in range(40)])
@@ -44,10 +46,11 @@ def test_ratios_are_paired_and_shares_are_of_logarithms():
         assert v.low == pytest.approx(v.ratio, rel=2e-3) and v.high == pytest.approx(v.ratio, rel=2e-3)
         assert (v.runs, v.certain, v.beats_constant) == (8, 1, float(ratio < 0.8))
         assert v.clean is None and v.worse == (0, 0)
+    assert found["none"].ratio is None and found["none"].runs == 0
 
 
-def test_the_interval_takes_whole_flights():
-    """Two conditions of a flight that err together are no two flights."""
+def test_the_interval_takes_whole_seeds():
+    """Two conditions of a seed that err together are no two seeds, nor are two platforms: they share their IMU."""
     ratios = np.array([0.4, 0.5, 0.6, 0.7, 1.5, 1.6, 1.7])
 
     def drawn(conditions):
@@ -80,7 +83,25 @@ def test_runs_that_diverge_are_counted_apart():
     records += [record("none", 1e3, s, diverged=1.0) for s in (6, 7)] + [record("motion", 0.5, s) for s in (6, 7)]
     records += [record("none", 1.0, 8), record("motion", 1e3, 8, diverged=1.0)]
     v = by_arm(records)["motion"]
-    assert (v.runs, v.rescued, v.spoilt) == (5, 2, 1)
+    assert (v.runs, v.lost, v.clean_lost) == (5, Lost(2, 1), Lost())
+    clean = [replace(r, config=r.config | {"kind": "clean"}) for r in records]
+    assert by_arm(clean)["motion"].clean_lost == Lost(2, 1)
+    raised = [replace(r, failure="no luck", scores={}) for r in runs("motion", 0.5, range(1, 5))]
+    assert by_arm([*raised, *runs("none", 1.0, range(1, 5))])["motion"].lost.spoilt == 4
+
+
+def test_what_regimes_share_counts_once():
+    records = [*runs("none", 1.0), *runs("motion", 0.5)]
+    again = [replace(r, config=r.config | {"regime": "again"}) for r in records]
+    assert verdicts([*records, *again]) == verdicts(records)
+
+
+def test_only_degraded_cells_count_against_the_devices_memory():
+    records = [*runs("none", 1.0), *runs("constant", 0.8), *runs("motion", 0.5), *runs("truth", 0.25)]
+    both = {"condition": "clean", "kind": "clean"}
+    clean = [*runs("none", 1.0, **both), *runs("constant", 0.5, **both), *runs("motion", 0.9, **both)]
+    v = by_arm([*records, *clean, *runs("truth", 0.25, **both)])["motion"]
+    assert (v.beats_constant, v.certain) == (1.0, 1)
 
 
 def test_each_estimator_has_its_own_base_and_its_own_honesty():
@@ -88,12 +109,14 @@ def test_each_estimator_has_its_own_base_and_its_own_honesty():
     for estimator, base, nees in (("msckf", 1.0, 3.0), ("factor", 2.0, 6.0)):
         both = {"condition": "clean", "kind": "clean", "estimator": estimator}
         records += [*runs("none", base, **both), *runs("motion", 1.0, nees=nees, **both)]
-    found = {v.estimator: v for v in verdicts(records)}
+    found = {v.estimator: v for v in verdicts(records) if v.arm == "motion"}
     assert found["msckf"].clean == pytest.approx(1.0) and found["factor"].clean == pytest.approx(0.5, rel=2e-3)
     assert found["msckf"].nees == pytest.approx((1.0, 1.0)) and found["factor"].nees == pytest.approx((2.0, 2.0))
     table = verdict_table(verdicts(records))
-    assert [row[:2] for row in table.rows] == [("msckf", "motion"), ("factor", "motion")]
-    assert table.rows[1][5] == "−50.0 %" and table.rows[1][-1] == "2.00, 2.00"
+    names = [(e, arm) for e in ("msckf", "factor") for arm in ("none", "motion")]
+    assert [row[:2] for row in table.rows] == names
+    assert table.rows[3][5] == "−50.0 %" and table.rows[3][-1] == "2.00, 2.00"
+    assert set(table.rows[2][2:-1]) == {"–"} and table.rows[2][-1] == "1.00, 1.00"
 
 
 def test_a_study_without_such_cells_has_no_verdict():
