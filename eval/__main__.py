@@ -21,6 +21,7 @@ from eval.paired import paired
 from eval.preset import PRESETS
 from eval.published import DatasetName, Published
 from eval.tables import failure_table, overview_table, score_table
+from eval.verdict import verdict_table, verdicts
 from eval.work import check_priors
 from msckf.config import FilterConfig
 from navcore.command_line import command_line
@@ -291,6 +292,10 @@ def _outcome(plan: Study, folder: Path, scheduler: str | None, workers: int | No
         return run_study(plan, folder, scheduler=scheduler, workers=workers, progress=progress)
 
 
+_MOST_COLUMNS = 14
+"""Of a table that can be read in a terminal."""
+
+
 def _console() -> Console:
     """A terminal as wide as it is; what is piped into a file gets room for the tables."""
     return Console() if Console().is_terminal else Console(width=180)
@@ -299,9 +304,10 @@ def _console() -> Console:
 def _show(outcome: Outcome, page: Path, console: Console) -> int:
     base = outcome.index.base
     overview = overview_table(outcome.records, paired(outcome.records, base), base)
-    wrong = failure_table(outcome)
-    for table in [overview, *([wrong] if wrong.rows else [])]:
-        console.print(table.rich())
+    verdict, wrong = verdict_table(verdicts(outcome.records, base)), failure_table(outcome)
+    for table in ([overview] if len(overview.columns) <= _MOST_COLUMNS else []) + [verdict, wrong]:
+        if table.rows:
+            console.print(table.rich())
     console.print(f"{len(outcome.records)} cells in {outcome.index.seconds / 60.0:.1f} min. Report: {page}")
     return 1 if wrong.rows else 0
 

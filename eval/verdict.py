@@ -14,7 +14,7 @@ from eval.tables import NOTHING, Table, percent
 from navcore.arrays import Floats
 
 _CONSTANT, _TRUTH = "constant", "truth"
-_BIASES = ("b_g", "b_a")
+_BIASES = ("db_g", "db_a")
 _DRAWS = 2000
 _FEWEST = 6  # seeds, fewer give no interval
 
@@ -64,8 +64,12 @@ class Verdict:
 
 def verdicts(records: Iterable[Record], base: str = BASE) -> list[Verdict]:
     """All arms, estimator by estimator; runs that regimes share count once. Empty if no cell is degraded or clean."""
-    once = {(r.key, r.config["arm"]): r for r in reversed([*records]) if r.config.get("kind", "other") != "other"}
-    counted = [*reversed(once.values())]
+    counted, seen = [], set()
+    for record in records:
+        arm = record.config["arm"]
+        if record.config.get("kind", "other") != "other" and (arm == base or (record.key, arm) not in seen):
+            counted.append(record)  # what is compared with the base may stand beside it in another regime
+            seen.add((record.key, arm))
     if not counted:
         return []
     kinds = {_place(r.config): str(r.config["kind"]) for r in counted}
@@ -80,7 +84,8 @@ def verdicts(records: Iterable[Record], base: str = BASE) -> list[Verdict]:
         sure = {p.group: p for p in gains if p.high is not None and p.high < 1.0}
         for arm in runs.arm.unique():
             honest = [r for r in counted if (r.config["estimator"], r.config["arm"]) == (estimator, arm)]
-            nees = _nees([r for r in honest if r.config["kind"] == "clean" and r.scores.get("diverged") == 0.0])
+            alone = {r.key: r for r in honest if r.config["kind"] == "clean" and r.scores.get("diverged") == 0.0}
+            nees = _nees(alone.values())
             if arm == base:
                 found.append(Verdict(str(estimator), arm, nees=nees))
                 continue
@@ -179,9 +184,9 @@ def _better(pairs: list[Paired]) -> float | None:
     return float(np.mean(ratios < 0.0)) if len(ratios) else None
 
 
-def _nees(records: list[Record]) -> tuple[float | None, float | None]:
+def _nees(records: Iterable[Record]) -> tuple[float | None, float | None]:
     """Mean by degree of freedom over the moments of each run, then over runs, of the biases."""
-    means: list[float | None] = []
+    records, means = list(records), []
     for name in _BIASES:
         column = f"nees_{name}"
         runs: list[Floats] = [r.series[column].to_numpy() for r in records if column in r.series]

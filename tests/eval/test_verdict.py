@@ -8,6 +8,7 @@ import pytest
 
 from eval.records import Record
 from eval.verdict import Lost, verdict_table, verdicts
+from navcore.odometry import BLOCKS
 
 T_NS = np.arange(40) * 200_000_000
 WAVE = np.array([[np.sin(0.7 * k), np.cos(1.1 * k), np.sin(0.4 * k)] for k in range(40)])
@@ -20,7 +21,7 @@ def record(arm, error_m, seed=1, condition="10 s", kind="degraded", estimator="m
     for k, axis in enumerate("xyz"):
         series[f"true_p_WB_{axis}"] = true[:, k]
         series[f"p_WB_{axis}"] = true[:, k] + 1e-3 * error_m * WAVE[:, k]
-    for name in ("b_g", "b_a"):
+    for name in BLOCKS[3:]:
         series[f"nees_{name}"] = nees
     config = {"platform": "robot", "regime": "outage", "condition": condition, "level": 1.0, "axis": "", "seed": seed}
     config |= {"estimator": estimator, "arm": arm, "recording": f"seed {seed}", "kind": kind, "prior": arm}
@@ -94,6 +95,10 @@ def test_what_regimes_share_counts_once():
     records = [*runs("none", 1.0), *runs("motion", 0.5)]
     again = [replace(r, config=r.config | {"regime": "again"}) for r in records]
     assert verdicts([*records, *again]) == verdicts(records)
+    heavy = [replace(r, config=r.config | {"regime": "again"}) for r in runs("heavy", 2.0)]
+    found = by_arm([*records, *again, *heavy])
+    assert (found["motion"].runs, found["heavy"].runs) == (8, 8)
+    assert found["heavy"].ratio == pytest.approx(2.0, rel=2e-3)
 
 
 def test_only_degraded_cells_count_against_the_devices_memory():
