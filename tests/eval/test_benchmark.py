@@ -13,7 +13,12 @@ from eval.kept import kept
 from eval.report import write_report
 from eval.sources import Degraded, Recording, degradations
 from eval.study import run_study
+from eval.unseen import unseen_sources
 from eval.work import resolved
+from ipnet.recordings import PUBLIC_LABELS, read_labels
+from ipnet.seen import seen_by
+from ipnet.splits import SPLITS, unseen_split
+from navcore.prior import load_prior
 from navcore.readers import open_sequence
 from sim.degrade import degrade_sequence
 from sim.degrade.spec import Spec
@@ -152,3 +157,40 @@ def test_the_command_says_what_is_wrong(folder, tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit, match="1"):
         main()
     assert "error: cell 'fog-9' is not in v1" in capsys.readouterr().err
+
+
+def test_an_ablation_tells_each_recording_what_was_made_without_it(tmp_path):
+    for seed, name in enumerate(("MH_01_easy", "V1_03_difficult", "dataset-room3_512_16", "mine")):
+        write_flight(tmp_path, name, seed, biases=name != "V1_03_difficult")
+    paths = tuple(tmp_path / name for name in ("MH_01_easy", "V1_03_difficult", "dataset-room3_512_16", "mine"))
+    study, left_out = Benchmark(SPEC, paths, ("low_light-2",), ablation=True).study(tmp_path / "study")
+    names = ("dataset-room3_512_16", "mine")
+    assert [line.partition(" is left out")[0] for line in left_out] == list(names)
+    told = {}
+    for c in study.cells:
+        told.setdefault((c.source.name, c.estimator), {})[c.arm] = c
+        assert (
+            c.prior == "none" or c.arm == "truth" or c.source.name not in seen_by(resolved(c.prior, tmp_path / "study"))
+        )
+        assert c.kind == ("clean" if c.condition == "clean" else "other")
+    assert set(told) == {(name, e) for name in ("MH_01_easy", "V1_03_difficult") for e in ("msckf", "factor")}
+    everything = {"none", "constant", "window-mean", "paper-plain", "ipnet", "motion", "ipnet+motion", "recursive"}
+    assert set(told["MH_01_easy", "msckf"]) == everything | {"truth"}
+    assert set(told["V1_03_difficult", "factor"]) == everything | {"paper-plain, figure 2"}
+    assert told["MH_01_easy", "msckf"]["ipnet"].prior == "ipnet:euroc-rest"
+    assert told["V1_03_difficult", "factor"]["recursive"].prior == "recursive:euroc-table2"
+    memory = told["V1_03_difficult", "msckf"]["constant"].prior
+    device = load_prior(resolved(memory, tmp_path / "study")).device()
+    trained = [read_labels(PUBLIC_LABELS)[n].bias for n in ("MH_01_easy", "MH_03_medium", "V2_03_difficult")]
+    np.testing.assert_allclose(device.vector, np.mean(trained, axis=0), rtol=1e-6)
+    with_more, _ = Benchmark(SPEC, paths[:1], ("low_light-2",), ("motion:euroc-table2",), ablation=True).study(tmp_path)
+    assert "motion:euroc-table2" in {c.arm for c in with_more.cells}
+
+
+@pytest.mark.parametrize("split", SPLITS)
+def test_every_split_has_every_source(split, tmp_path):
+    """Otherwise an arm would rest on fewer recordings than the others."""
+    recording = SPLITS[split].test[0]
+    assert unseen_split(recording)[0] == split
+    sources, missing = unseen_sources(recording, tmp_path, truth=True)
+    assert missing == () and None not in vars(sources).values()
