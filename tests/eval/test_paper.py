@@ -50,7 +50,7 @@ def record(condition, arm, ate_m, rpe_rad, table="table I", estimator="factor", 
     config = {"platform": "recordings", "regime": table, "condition": condition, "level": None, "axis": ""}
     config |= {"seed": seed, "estimator": estimator, "arm": arm, "recording": condition}
     scores = {"ate_m": ate_m, "rpe_rad": rpe_rad, "diverged": float(np.isinf(ate_m)), "initial_ate_m": 0.5 * ate_m}
-    scores |= {"cpu_ms_per_frame": 20.0}
+    scores |= {"estimator_ms_per_frame": 20.0}
     return Record(f"{condition} {arm} {seed}", "", config, {}, scores, None, pd.DataFrame())
 
 
