@@ -55,6 +55,13 @@ class Paired:
         return self.platform, self.regime, self.condition, self.estimator
 
 
+def share(pair: Paired, truth: Paired) -> float | None:
+    """The gain of an arm as a share of that of the truth (logarithms); None where one of them is not known."""
+    if pair.median is None or truth.median is None:
+        return None
+    return float(np.log(pair.median) / np.log(truth.median))
+
+
 def frame(records: Iterable[Record]) -> pd.DataFrame:
     """All records as a table: a row for each cell with its names, its failure and its scores.
 

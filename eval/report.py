@@ -204,7 +204,8 @@ def _examples(records: list[Record], base: str) -> list[list[Record]]:
     drawable = [r for r in records if not r.series.empty and "true_b_g_x" in r.series and "b_g_x" in r.series]
     groups = []
     for regime in _regimes(drawable).values():
-        last = [r for r in regime if r.config["condition"] == regime[-1].config["condition"]]
+        *_, final = dict.fromkeys(r.config["condition"] for r in regime)  # also of a study that is not done
+        last = [r for r in regime if r.config["condition"] == final]
         lowest = min(r.config["seed"] for r in last)
         group = [r for r in last if r.config["seed"] == lowest]
         shared = [r.config["source"] for r in group if r.config["arm"] == base] or [group[0].config["source"]]

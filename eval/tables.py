@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from eval.consistency import Nees, judge
 from eval.outcome import Outcome
-from eval.paired import GROUP, Paired, frame
+from eval.paired import GROUP, Paired, frame, share
 from eval.records import Record
 from navcore.odometry import BLOCKS
 
@@ -188,8 +188,9 @@ def _share(pair: Paired, pairs: list[Paired]) -> str:
     for other in pairs:
         same = other.group == pair.group
         certain = other.arm == "truth" and other.high is not None and other.high < 1.0
-        if same and certain and other is not pair and pair.median is not None and other.median is not None:
-            return f"{np.log(pair.median) / np.log(other.median):.0%}"
+        part = share(pair, other) if same and certain and other is not pair else None
+        if part is not None:
+            return f"{part:.0%}"
     return NOTHING
 
 

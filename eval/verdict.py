@@ -8,13 +8,14 @@ import numpy as np
 import pandas as pd
 
 from eval.arms import BASE
-from eval.paired import CONFIDENCE, Paired, frame, paired
+from eval.paired import CONFIDENCE, GROUP, Paired, frame, paired, share
 from eval.records import Record
 from eval.tables import NOTHING, Table, percent
 from navcore.arrays import Floats
 
 _CONSTANT, _TRUTH = "constant", "truth"
 _BIASES = ("db_g", "db_a")
+_CELL = GROUP[:-1]  # but for the estimator
 _DRAWS = 2000
 _FEWEST = 6  # seeds, fewer give no interval
 
@@ -72,7 +73,7 @@ def verdicts(records: Iterable[Record], base: str = BASE) -> list[Verdict]:
             seen.add((record.key, arm))
     if not counted:
         return []
-    kinds = {_place(r.config): str(r.config["kind"]) for r in counted}
+    kinds = {tuple(str(r.config[n]) for n in _CELL): str(r.config["kind"]) for r in counted}
     pairs, beside_constant = paired(counted, base), paired(counted, _CONSTANT)
     table = frame(counted)
     table["kind"] = [r.config["kind"] for r in counted]
@@ -80,7 +81,7 @@ def verdicts(records: Iterable[Record], base: str = BASE) -> list[Verdict]:
     for estimator in table.estimator.unique():
         own = [p for p in pairs if p.estimator == estimator]
         runs = table[table.estimator == estimator]
-        gains = [p for p in own if p.arm == _TRUTH and kinds[_of(p)] == "degraded"]
+        gains = [p for p in own if p.arm == _TRUTH and kinds[p.group[:-1]] == "degraded"]
         sure = {p.group: p for p in gains if p.high is not None and p.high < 1.0}
         for arm in runs.arm.unique():
             honest = [r for r in counted if (r.config["estimator"], r.config["arm"]) == (estimator, arm)]
@@ -90,9 +91,10 @@ def verdicts(records: Iterable[Record], base: str = BASE) -> list[Verdict]:
                 found.append(Verdict(str(estimator), arm, nees=nees))
                 continue
             mine = [p for p in own if p.arm == arm]
-            degraded, clean = ([p for p in mine if kinds[_of(p)] == kind] for kind in ("degraded", "clean"))
+            degraded, clean = ([p for p in mine if kinds[p.group[:-1]] == kind] for kind in ("degraded", "clean"))
             ratio, low, high = _pooled(degraded)
-            known = [p for p in degraded if p.group in sure and p.median is not None]
+            shares = [share(p, sure[p.group]) for p in degraded if p.group in sure]
+            known = [x for x in shares if x is not None]
             against = [p for p in beside_constant if p.estimator == estimator and p.arm == arm and p.group in sure]
             found.append(
                 Verdict(
@@ -106,7 +108,7 @@ def verdicts(records: Iterable[Record], base: str = BASE) -> list[Verdict]:
                     clean_lost=_lost(runs[runs.kind == "clean"], arm, base),
                     clean=_mean(clean),
                     worse=(sum(p.low is not None and p.low > 1.0 for p in clean), len(clean)),
-                    share=float(np.median([_share(p, sure[p.group]) for p in known])) if known else None,
+                    share=float(np.median(known)) if known else None,
                     certain=len(known),
                     beats_constant=_better(against),
                     nees=nees,
@@ -166,17 +168,11 @@ def _mean(pairs: list[Paired]) -> float | None:
 
 def _lost(runs: pd.DataFrame, arm: str, base: str) -> Lost:
     """Runs that only one of the two lost."""
-    cell = ["platform", "regime", "condition", "seed"]
     bad = runs.assign(bad=(runs.diverged == 1.0) | runs.failure.notna())
-    mine, other = (bad[bad.arm == name].set_index(cell)["bad"] for name in (arm, base))
+    mine, other = (bad[bad.arm == name].set_index([*_CELL, "seed"])["bad"] for name in (arm, base))
     both = mine.index.intersection(other.index)
     lost, base_lost = mine[both].to_numpy(dtype=bool), other[both].to_numpy(dtype=bool)
     return Lost(int((base_lost & ~lost).sum()), int((lost & ~base_lost).sum()))
-
-
-def _share(pair: Paired, truth: Paired) -> float:
-    assert pair.median is not None and truth.median is not None
-    return float(np.log(pair.median) / np.log(truth.median))
 
 
 def _better(pairs: list[Paired]) -> float | None:
@@ -193,11 +189,3 @@ def _nees(records: Iterable[Record]) -> tuple[float | None, float | None]:
         values = [float(np.nanmean(run)) for run in runs if np.isfinite(run).any()]
         means.append(float(np.mean(values)) / 3.0 if values else None)
     return means[0], means[1]
-
-
-def _place(config: "pd.Series | dict[str, object]") -> tuple[str, str, str]:
-    return str(config["platform"]), str(config["regime"]), str(config["condition"])
-
-
-def _of(pair: Paired) -> tuple[str, str, str]:
-    return pair.platform, pair.regime, pair.condition

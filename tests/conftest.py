@@ -14,6 +14,17 @@ settings.load_profile("repeatable")
 
 
 @pytest.fixture(scope="session")
+def short_flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a recording of three seconds with tracks, for commands that run an estimator on one."""
+    from sim.output import write_recording  # NumPy must not be imported before the threads are set, above
+    from sim.points import simulate_points
+
+    folder = tmp_path_factory.mktemp("points") / "flight"
+    write_recording(simulate_points("quadrotor", seconds=3.0), folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
 def vio_data() -> Path:
     """The folder of real recordings that the environment variable VIO_DATA names."""
     named = os.environ.get("VIO_DATA")

@@ -1,15 +1,6 @@
 import pytest
 
 from msckf.__main__ import main
-from sim.output import write_recording
-from sim.points import simulate_points
-
-
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("points") / "flight"
-    write_recording(simulate_points("quadrotor", seconds=3.0), folder)
-    return folder
 
 
 def run(monkeypatch, *arguments):
@@ -17,16 +8,16 @@ def run(monkeypatch, *arguments):
     return main()
 
 
-def test_a_run_that_is_drawn_writes_the_same(recording, tmp_path, monkeypatch):
-    assert run(monkeypatch, recording, "--out", tmp_path / "a") == 0
+def test_a_run_that_is_drawn_writes_the_same(short_flight, tmp_path, monkeypatch):
+    assert run(monkeypatch, short_flight, "--out", tmp_path / "a") == 0
     file = tmp_path / "run.rrd"
-    assert run(monkeypatch, recording, "--out", tmp_path / "b", "--rerun-save", file) == 0
+    assert run(monkeypatch, short_flight, "--out", tmp_path / "b", "--rerun-save", file) == 0
     assert file.stat().st_size > 50_000
     for name in ("trajectory.tum", "biases.csv"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
-def test_a_drawing_that_cannot_be_written_is_said_before_anything_runs(recording, tmp_path, monkeypatch, capsys):
+def test_a_drawing_that_cannot_be_written_is_said_before_anything_runs(short_flight, tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit, match="1"):
-        run(monkeypatch, recording, "--out", tmp_path / "a", "--rerun-save", tmp_path / "gone" / "run.rrd")
+        run(monkeypatch, short_flight, "--out", tmp_path / "a", "--rerun-save", tmp_path / "gone" / "run.rrd")
     assert "no such folder" in capsys.readouterr().err and not (tmp_path / "a").exists()
