@@ -17,7 +17,7 @@ from msckf.config import CalibrationConfig, FilterConfig
 from msckf.filter import Filter
 from navcore import so3
 from navcore.odometry import Health
-from navcore.prior import BiasPrior
+from navcore.prior import BiasPrior, load_prior
 from navcore.priors.listed import ListedPrior
 from navcore.sequence import Frame, Sequence
 from sim.points import simulate_points
@@ -183,3 +183,31 @@ def test_a_prior_is_consistent_as_modelled_and_overconfident_as_plain():
     if min(v.mean_per_dof[3] for v in both) <= MEAN_PER_DOF[0]:
         pytest.xfail("b_g is stated too carefully, with and without a prior: a start at rest doubts that it is still")
     assert not any(of_block(v, "db_g", "db_a") for v in both)
+
+
+# -- priors that were learned -----------------------------------------------------------------------------------
+
+LEARNED = {
+    "none": ("none", "modelled"),
+    "ipnet": ("ipnet:sim-quadrotor", "modelled"),
+    "motion": ("motion:sim-quadrotor", "modelled"),
+    "ipnet, plain": ("ipnet:sim-quadrotor", "plain"),
+}  # these saw flights with seeds from 100001 on
+
+
+def told(seed):
+    """NEES of one flight by what the filter is told of its biases."""
+    sequence = calibrated(simulate_points(seed=seed, seconds=60.0), seed)
+    return {
+        arm: nees(fly(sequence, load_prior(spec, sequence), prior__mode=mode), sequence.truth, skip_s=TAKE_OFF_S)
+        for arm, (spec, mode) in LEARNED.items()
+    }
+
+
+def test_biases_are_consistent_with_a_learned_prior():
+    flights = over_seeds(told)
+    verdicts = {arm: judge([flight[arm] for flight in flights]) for arm in LEARNED}
+    for arm, verdict in verdicts.items():
+        print(f"\n{arm}\n{verdict}")
+    for arm in ("none", "ipnet", "motion"):
+        assert not of_block(verdicts[arm], "db_g", "db_a")
