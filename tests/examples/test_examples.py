@@ -88,3 +88,11 @@ def test_drawn_is_the_same_run(execute, expected, tmp_path):
     names, said = execute("draw.py", file)
     assert_same(names["result"], expected)
     assert file.stat().st_size > 100_000 and str(file) in said
+
+
+def test_the_bound_is_of_the_truth(execute):
+    names, text = execute("bound.py", 1, 1, 5)
+    assert np.shape(names["ratios"]) == (1, 2) and np.isfinite(names["ratios"]).all()
+    times = np.array([prior.t_ns for prior in names["told"]])
+    assert (times < names["dark_ns"]).sum() == len(names["measurements"]) == len(times) - 6
+    assert text.startswith("seed 1: ATE ") and "median change: told throughout " in text
