@@ -20,7 +20,7 @@ from navcore.imu import ImuNoise
 
 Progress = Callable[[int, int], None]
 """Gets the number of recordings done and of all."""
-_SPANS_S = (42.0, 62.0)  # lengths of the runs by which errors are found: of some starts, and for the longest window
+_SPANS_S = (22.0, 42.0, 62.0)  # lengths of the runs by which errors are found
 _MANY = 12  # recordings that suffice to find errors by
 _PLAIN = ErrorModel(np.zeros((6, 6)), np.ones(6), np.zeros(6))
 

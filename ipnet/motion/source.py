@@ -1,6 +1,6 @@
-"""`motion:NAME`: biases under which raw IMU data obey a platform's motion model, window by window."""
+"""`motion:NAME`: biases under which raw IMU data obey a platform's motion model, as measurements of now."""
 
-from itertools import chain
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,17 +13,61 @@ from navcore.imu import ImuNoise, ImuSamples
 from navcore.prior import BiasPrior, BiasPriorSource
 from navcore.sequence import Sequence
 
-LENGTHS_S = (9.5, 19.5, 39.5, 59.0)
-"""A run's first windows, all from its beginning; then windows of the last length,"""
-EVERY_S = 20.0
-"""one after so many seconds."""
+FIRST_S = 9.5
+"""A run's first window; the next ones begin where it does, and end"""
+EVERY_S = 5.0
+"""so much later each, until they are"""
+LONGEST_S = 39.5
+"""long; from then on both ends move."""
 SIGMA = np.repeat([0.3, 1.5], 3)
 """rad/s, m/s^2: biases before anything is seen; far wider than any device's, so that a statement is a likelihood."""
+_NEWS = 0.05  # share of what was known: a direction of which less is new is not spoken of
+_UNTOLD = 1e-4  # the share that is told of such a direction, since a covariance is finite
 
 
-_HEADING = np.arange(6) == 0
-"""The gyroscope along the usual force: what successive windows say of it is related most (0.6 at an overlap of 0.66,
-measured on simulated flights, where other axes have 0.15 to 0.29)."""
+@dataclass(frozen=True)
+class Known:
+    """What a window tells of the biases at its end.
+
+    Attributes:
+        t_ns: the end.
+        mean: (6,) b_g, b_a.
+        covariance: (6, 6).
+    """
+
+    t_ns: int
+    mean: Floats
+    covariance: Floats
+
+    def since(self, before: "Known | None", walk: Floats) -> BiasPrior | None:
+        """What is new since an earlier window: the measurement that leads from what that told to what this one does.
+
+        Windows overlap, so their statements are no measurements of their own. With the earlier one carried on by the
+        walk of the biases, (m, P), and this one (m+, P+), the Kalman update that lies between has the information
+        J = P+^-1 - P^-1 and the value m + J^-1 P+^-1 (m+ - m) (tracklets: Drummond, "Tracklets and a hybrid fusion
+        with process noise", SPIE 3163, 1997). Directions with nothing new are not told.
+
+        Args:
+            before: None for the first window, which is new as a whole.
+            walk: (6,) variances that biases gain in a second.
+
+        Returns:
+            None where nothing is new.
+        """
+        if before is None:
+            return BiasPrior(self.t_ns, self.mean[:3], self.mean[3:], self.covariance)
+        P = before.covariance + np.diag(walk) * (self.t_ns - before.t_ns) * 1e-9
+        now = np.linalg.inv(self.covariance)
+        root = np.linalg.cholesky(P)
+        share, axes = np.linalg.eigh(root.T @ now @ root - np.eye(6))  # J in axes in which P is one
+        new = share > _NEWS
+        if not new.any():
+            return None
+        T = root @ axes
+        gain = T.T @ now @ (self.mean - before.mean)
+        value = before.mean + T @ np.where(new, gain / np.where(new, share, 1.0), 0.0)
+        covariance = (T / np.where(new, share, _UNTOLD)) @ T.T
+        return BiasPrior(self.t_ns, value[:3], value[3:], 0.5 * (covariance + covariance.T))
 
 
 class MotionPrior:
@@ -31,21 +75,20 @@ class MotionPrior:
 
     def __init__(self, card: MotionCard, noise: ImuNoise) -> None:
         self.card = card
-        self.window_s = 0.5 * LENGTHS_S[0]
+        self.window_s = EVERY_S
         R6 = card.R6
         self.constant_covariance: Floats = R6.T @ card.errors.constant @ R6
         self._smoother = Smoother(card.model, noise, SIGMA)
+        self._walk = np.repeat([noise.gyroscope_random_walk**2, noise.accelerometer_random_walk**2], 3)
         self._step_ns = round(card.model.interval_s * 1e9)
         self._begin()
         self._ready: list[BiasPrior] = []
 
     def _begin(self) -> None:
         self._parts: list[ImuSamples] = []
-        self._end_ns: int | None = None  # of the next window
-        self._lengths = chain(LENGTHS_S, iter(lambda: LENGTHS_S[-1], None))
-        self._length_ns = round(next(self._lengths) * 1e9)
-        self._told_ns: int | None = None  # end of the last window that was spoken of
-        self._bias: Floats | None = None
+        self._begin_ns: int | None = None  # of the next window
+        self._length_ns = round(FIRST_S * 1e9)
+        self._known: Known | None = None
 
     def device(self) -> BiasPrior | None:
         """Nothing is known of a device."""
@@ -57,7 +100,7 @@ class MotionPrior:
             self._add(part)
 
     def poll(self, t_ns: int) -> list[BiasPrior]:
-        """The windows that the samples added so far have completed, each once."""
+        """What the windows that the samples added so far have completed tell anew, each once."""
         ready, self._ready = self._ready, []
         return ready
 
@@ -65,39 +108,37 @@ class MotionPrior:
         if self._parts and samples.t_ns[0] - self._parts[-1].t_ns[-1] > MAX_GAP_S * 1e9:
             self._begin()
         self._parts.append(samples)  # joined when a window is over: not for every frame
-        if self._end_ns is None:
+        if self._begin_ns is None:
             first = joined(*self._parts)
             if len(first) < 2:
                 return
-            self._end_ns = int(bounds(first.t_ns[:2])[0]) + self._length_ns
+            self._begin_ns = int(bounds(first.t_ns[:2])[0])
         # The end of the last sample depends on the one that follows; 0.1 s is longer than any interval.
-        while self._parts[-1].t_ns[-1] > self._end_ns + round(MAX_GAP_S * 1e9):
-            self._parts = [self._infer(joined(*self._parts), self._end_ns)]
-            before = self._length_ns
-            self._length_ns = round(next(self._lengths) * 1e9)
-            self._end_ns += self._length_ns - before or round(EVERY_S * 1e9)
+        while self._parts[-1].t_ns[-1] > self._begin_ns + self._length_ns + round(MAX_GAP_S * 1e9):
+            held = joined(*self._parts)
+            self._infer(held, self._begin_ns)
+            end_ns = self._begin_ns + self._length_ns + round(EVERY_S * 1e9)
+            self._length_ns = min(self._length_ns + round(EVERY_S * 1e9), round(LONGEST_S * 1e9))
+            self._begin_ns = end_ns - self._length_ns
+            self._parts = [held.between(self._begin_ns - 1_000_000_000, int(held.t_ns[-1]) + 1)]
 
-    def _infer(self, held: ImuSamples, end_ns: int) -> ImuSamples:
-        """Speak of the window that ends there; returns the samples that later ones need."""
-        begin_ns = end_ns - self._length_ns
+    def _infer(self, held: ImuSamples, begin_ns: int) -> None:
+        """Say what is new in the window that begins there."""
+        end_ns = begin_ns + self._length_ns
         edges: Stamps = np.arange(begin_ns, end_ns + 1, self._step_ns, dtype=np.int64)
-        found = self._smoother.infer(held, edges, self._bias)
-        if found is not None:
-            self._bias = found.mean
-            covariance = self._covariance(found, begin_ns)
-            middle_ns = int(edges[(len(edges) - 1) // 2])
-            self._ready.append(BiasPrior(middle_ns, found.mean[:3], found.mean[3:], covariance))
-            self._told_ns = end_ns
-        keep_ns = end_ns + round((EVERY_S - LENGTHS_S[-1] - 1.0) * 1e9)
-        return held.between(keep_ns, int(held.t_ns[-1]) + 1)
+        found = self._smoother.infer(held, edges, None if self._known is None else self._known.mean)
+        if found is None:
+            return
+        known = Known(int(edges[-1]), found.mean, self._covariance(found))
+        told = known.since(self._known, self._walk)
+        if told is not None:
+            self._ready.append(told)
+        self._known = known
 
-    def _covariance(self, found: Inferred, begin_ns: int) -> Floats:
-        """(6, 6) of a statement's own error: the smoother's, as calibrated; what it saw before is not told again."""
-        seen_ns = 0 if self._told_ns is None else max(self._told_ns - begin_ns, 0)
-        overlap = min(seen_ns / self._length_ns, 0.9)
-        new = np.where(_HEADING, 1.0 - overlap, 1.0 - overlap**2)
-        sd = self.card.errors.scale * max(found.cost, 1.0) ** 0.25 / np.sqrt(new)
+    def _covariance(self, found: Inferred) -> Floats:
+        """(6, 6) of the smoother, as calibrated, and more where motion is not as it was learned."""
         R6, errors = self.card.R6, self.card.errors
+        sd = errors.scale * max(found.cost, 1.0) ** 0.25
         scaled = sd[:, None] * (R6 @ found.covariance @ R6.T) * sd
         covariance: Floats = R6.T @ (scaled + np.diag(errors.floor**2)) @ R6
         return 0.5 * (covariance + covariance.T)

@@ -13,7 +13,7 @@ from ipnet.motion.intervals import BIAS, GRAV, NODE, POSI, VELO, Intervals
 from ipnet.motion.learn import learn
 from ipnet.motion.model import EFFECTS, ROWS
 from ipnet.motion.smoother import Smoother
-from ipnet.motion.source import MotionPrior
+from ipnet.motion.source import Known, MotionPrior
 from ipnet.motion.store import MotionCard, find
 from navcore.imu import ImuSamples
 from tests.ipnet.droning import DRAG, G_W, NOISE, drone
@@ -158,6 +158,46 @@ def test_of_what_is_carried_nothing_is_said(model):
     assert Smoother(model, NOISE, np.repeat([0.3, 1.5], 3)).infer(recording.imu, window(recording, 10.0)) is None
 
 
+def updated(before, walk, seconds, H, z, R):
+    """What a Kalman filter knows that much later, after a measurement."""
+    P = before.covariance + np.diag(walk) * seconds
+    K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+    mean = before.mean + K @ (z - H @ before.mean)
+    return Known(before.t_ns + round(seconds * 1e9), mean, (np.eye(6) - K @ H) @ P)
+
+
+@pytest.fixture
+def before():
+    rng = np.random.default_rng(3)
+    A = rng.normal(size=(6, 6)) * np.repeat([1e-3, 0.02], 3)
+    return Known(7_000_000_000, BIAS_OF_IT, A.T @ A + np.diag(np.repeat([1e-4, 5e-3], 3) ** 2))
+
+
+WALK = np.repeat([2e-5, 3e-3], 3) ** 2
+
+
+def test_what_is_new_is_the_measurement_between(before):
+    rng = np.random.default_rng(4)
+    R = np.diag(np.repeat([4e-4, 8e-3], 3) ** 2)
+    z = BIAS_OF_IT + rng.normal(size=6) * np.sqrt(np.diag(R))
+    told = updated(before, WALK, 5.0, np.eye(6), z, R).since(before, WALK)
+    assert told.t_ns == 12_000_000_000
+    np.testing.assert_allclose(told.vector, z, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(told.covariance, R, rtol=1e-6, atol=1e-12)
+
+
+def test_of_directions_with_nothing_new_nothing_is_told(before):
+    H, R = np.eye(6)[[0, 4]], np.diag([1e-4, 5e-3]) ** 2
+    after = updated(before, WALK, 5.0, H, H @ BIAS_OF_IT + [2e-4, -0.01], R)
+    told = after.since(before, WALK)
+    np.testing.assert_allclose(H @ told.vector, H @ BIAS_OF_IT + [2e-4, -0.01], rtol=1e-2)
+    again = updated(before, WALK, 5.0, np.eye(6), told.vector, told.covariance)  # whoever is told knows as much
+    np.testing.assert_allclose(again.mean, after.mean, atol=0.02 * np.sqrt(np.diag(after.covariance)).min())
+    np.testing.assert_allclose(again.covariance, after.covariance, rtol=0.02, atol=1e-9)
+    carried_on = replace(before, t_ns=after.t_ns, covariance=before.covariance + 5.0 * np.diag(WALK))
+    assert carried_on.since(before, WALK) is None
+
+
 @pytest.fixture(scope="module")
 def card(flights):
     return learn(flights)
@@ -175,7 +215,8 @@ def said(card, imu, pieces):
 def test_a_source_is_causal_and_pieces_do_not_matter(card):
     imu = drone(20, 26.0, BIAS_OF_IT).imu
     whole, small = said(card, imu, len(imu)), said(card, imu, 37)
-    assert [z.t_ns for z in whole] == [z.t_ns for z in small] == [4_500_000_000, 9_500_000_000]
+    ends = [round(s * 1e9) for s in (9.5, 14.5, 19.5, 24.5)]
+    assert [z.t_ns for z in whole] == [z.t_ns for z in small] == ends
     for a, b in zip(whole, small, strict=True):
         np.testing.assert_allclose(a.vector, b.vector, rtol=1e-9)
     early = said(card, imu[:1200], 37)
@@ -188,7 +229,8 @@ def test_a_gap_begins_anew(card):
     joined = ImuSamples(
         *(np.concatenate([a, b]) for a, b in zip(vars(imu[:900]).values(), vars(late).values(), strict=True))
     )
-    assert [z.t_ns for z in said(card, joined, 50)] == [late.t_ns[0] - 5_000_000 + 4_500_000_000]
+    begin = late.t_ns[0] - 5_000_000
+    assert [z.t_ns for z in said(card, joined, 50)] == [begin + 9_500_000_000, begin + 14_500_000_000]
 
 
 def test_errors_are_found_on_flights_that_were_left_out(card, flights):
