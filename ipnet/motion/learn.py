@@ -20,7 +20,7 @@ from navcore.imu import ImuNoise
 
 Progress = Callable[[int, int], None]
 """Gets the number of recordings done and of all."""
-_SPANS_S = (22.0, 42.0, 62.0)  # lengths of the runs by which errors are found
+_SPANS_S = (42.0, 62.0)  # lengths of the runs by which errors are found: with growing windows, and with sliding ones
 _MANY = 12  # recordings that suffice to find errors by
 _PLAIN = ErrorModel(np.zeros((6, 6)), np.ones(6), np.zeros(6))
 
@@ -31,8 +31,8 @@ def learn(
     """A model of the training recordings, and what is wrong with its statements.
 
     That is found on the validation recordings and, where there are fewer than 12 of them, on the training recordings
-    too, each by a model of all others. What is held against the truth is what a run's statements amount to together,
-    since windows overlap: each alone may be right and all together too sure.
+    too, each by a model of all others. What is held against the truth is what the last window of a run knows: all that
+    is told of a run leads there.
 
     Raises:
         LabelError: fewer than three recordings to learn from, or too little motion in them, or some validate too.
@@ -65,7 +65,7 @@ def _card(recordings: ListLike[Recording]) -> MotionCard:
 
 
 def _errors(card: MotionCard, recording: Recording, seconds: float) -> WindowErrors:
-    """Of estimates over runs of about that length, in the card's axes; one row for each."""
+    """Of what is known at the end of runs of about that length, in the card's axes; one row for each."""
     whole = float(recording.imu.t_ns[-1] - recording.imu.t_ns[0]) * 1e-9
     spans = cut([recording], seconds if whole >= seconds else None)
     rows = {span.end_ns: row for span in spans if (row := _over_run(card, span)) is not None}
@@ -74,11 +74,11 @@ def _errors(card: MotionCard, recording: Recording, seconds: float) -> WindowErr
 
 
 def _over_run(card: MotionCard, span: Span) -> tuple[Floats, Floats] | None:
-    """(6,) error and stated variance of all statements together, weighted by what they state; None without any."""
-    said = listen(MotionPrior(card, span.noise), span).measurements
-    if not said:
+    """(6,) error and stated variance of what is known when the last window of a run ends; None without any."""
+    source = MotionPrior(card, span.noise)
+    listen(source, span)
+    if source.known is None:
         return None
-    wrong = np.array([z.vector for z in said]) - span.bias_at(np.array([z.t_ns for z in said], dtype=np.int64))
-    weight = 1.0 / np.array([np.diagonal(card.R6 @ z.covariance @ card.R6.T) for z in said])  # (N, 6)
-    variance = 1.0 / weight.sum(axis=0)
-    return variance * (weight * (wrong @ card.R6.T)).sum(axis=0), variance
+    t_ns = np.array([source.known.t_ns], dtype=np.int64)
+    error = card.R6 @ (source.known.mean - span.bias_at(t_ns)[0])
+    return error, np.diagonal(card.R6 @ source.known.covariance @ card.R6.T)

@@ -71,7 +71,12 @@ class Known:
 
 
 class MotionPrior:
-    """The source. After a gap in the samples it begins anew."""
+    """The source. After a gap in the samples it begins anew.
+
+    Attributes:
+        card: what it was made from.
+        known: what the last window tells.
+    """
 
     def __init__(self, card: MotionCard, noise: ImuNoise) -> None:
         self.card = card
@@ -88,7 +93,7 @@ class MotionPrior:
         self._parts: list[ImuSamples] = []
         self._begin_ns: int | None = None  # of the next window
         self._length_ns = round(FIRST_S * 1e9)
-        self._known: Known | None = None
+        self.known: Known | None = None
 
     def device(self) -> BiasPrior | None:
         """Nothing is known of a device."""
@@ -126,14 +131,14 @@ class MotionPrior:
         """Say what is new in the window that begins there."""
         end_ns = begin_ns + self._length_ns
         edges: Stamps = np.arange(begin_ns, end_ns + 1, self._step_ns, dtype=np.int64)
-        found = self._smoother.infer(held, edges, None if self._known is None else self._known.mean)
+        found = self._smoother.infer(held, edges, None if self.known is None else self.known.mean)
         if found is None:
             return
         known = Known(int(edges[-1]), found.mean, self._covariance(found))
-        told = known.since(self._known, self._walk)
+        told = known.since(self.known, self._walk)
         if told is not None:
             self._ready.append(told)
-        self._known = known
+        self.known = known
 
     def _covariance(self, found: Inferred) -> Floats:
         """(6, 6) of the smoother, as calibrated, and more where motion is not as it was learned."""
