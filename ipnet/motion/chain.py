@@ -38,31 +38,25 @@ class Chain:
             np.zeros(border),
         )
 
-    def solve(self, middle: int) -> tuple[Floats, Floats, Floats]:
-        """The nodes (N + 1, n), the border (m,), and the covariance (n, n) of one node.
-
-        Nodes are eliminated from both ends towards that one.
-        """
+    def solve(self) -> tuple[Floats, Floats, Floats]:
+        """The nodes (N + 1, n), the border (m,), and the covariance (n, n) of the last node, where elimination ends."""
         n = self.D.shape[1]
         last = len(self.D) - 1
         D, F, h = self.D.copy(), self.F.copy(), self.h.copy()
         G, k = self.G.copy(), self.k.copy()
-        kept: dict[int, Floats] = {}
-        order = [(i, i + 1, self.E[i]) for i in range(middle)]
-        order += [(i, i - 1, self.E[i - 1].T) for i in range(last, middle, -1)]
-        for i, to, coupling in order:
-            S = np.linalg.solve(D[i], np.hstack([coupling, F[i], h[i][:, None]]))
-            kept[i] = S
-            D[to] -= coupling.T @ S[:, :n]
-            F[to] -= coupling.T @ S[:, n:-1]
-            h[to] -= coupling.T @ S[:, -1]
+        kept: list[Floats] = []
+        for i in range(last):
+            S = np.linalg.solve(D[i], np.hstack([self.E[i], F[i], h[i][:, None]]))
+            kept.append(S)
+            D[i + 1] -= self.E[i].T @ S[:, :n]
+            F[i + 1] -= self.E[i].T @ S[:, n:-1]
+            h[i + 1] -= self.E[i].T @ S[:, -1]
             G -= F[i].T @ S[:, n:-1]
             k -= F[i].T @ S[:, -1]
-        covariance = np.linalg.inv(np.block([[D[middle], F[middle]], [F[middle].T, G]]))
-        solution = covariance @ np.concatenate([h[middle], k])
+        covariance = np.linalg.inv(np.block([[D[last], F[last]], [F[last].T, G]]))
+        solution = covariance @ np.concatenate([h[last], k])
         x, border = np.zeros_like(h), solution[n:]
-        x[middle] = solution[:n]
-        for i, to, _ in reversed(order):
-            S = kept[i]
-            x[i] = S[:, -1] - S[:, :n] @ x[to] - S[:, n:-1] @ border
+        x[last] = solution[:n]
+        for i, S in reversed(list(enumerate(kept))):
+            x[i] = S[:, -1] - S[:, :n] @ x[i + 1] - S[:, n:-1] @ border
         return x, border, 0.5 * (covariance + covariance.T)[:n, :n]

@@ -88,24 +88,23 @@ class Smoother:
             return None
 
     def _iterate(self, samples: ImuSamples, edges_ns: Stamps, base: Intervals, bias: Floats) -> Inferred | None:
-        last = len(base)
         nodes, effects = self._first_guess(base, bias), np.zeros(EFFECTS)
         for done in range(1, _ITERATIONS + 1):
             if base.far(nodes[:-1, BIAS]):
                 base = Intervals.of(samples, edges_ns, nodes[:-1, 9:12], nodes[:-1, 12:15], self.noise)
             cells = base.at(nodes[:-1, BIAS])
             chain, cost = self._equations(cells, nodes, effects, robust=done > _PLAIN)
-            step, border, covariance = chain.solve(last)
+            step, border, covariance = chain.solve()
             nodes, effects = nodes + step, effects + border
             variance = np.diag(covariance)
             if not (np.isfinite(nodes).all() and (variance > 0.0).all()):
                 return None
-            moved = np.abs(step[last, BIAS]) / np.sqrt(variance[BIAS])
+            moved = np.abs(step[-1, BIAS]) / np.sqrt(variance[BIAS])
             if done > _PLAIN + 1 and moved.max() < _DONE:
                 break
         if moved.max() > _ENOUGH:
             return None
-        return Inferred(nodes[last, BIAS], covariance[BIAS, BIAS], nodes, done, cost)
+        return Inferred(nodes[-1, BIAS], covariance[BIAS, BIAS], nodes, done, cost)
 
     def _first_guess(self, cells: Intervals, bias: Floats) -> Floats:
         """(N + 1, 15): gravity opposite to the force, at the usual velocity in the middle."""
