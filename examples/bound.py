@@ -11,25 +11,23 @@ import numpy as np
 from eval.metrics import score
 from msckf import Filter
 from navcore.odometry import run
-from navcore.prior import BiasPrior
+from navcore.prior import load_prior
 from navcore.priors.listed import ListedPrior
 from sim.points import simulate_points
 
+EXACT = "truth:2e-5,2e-3"  # rad/s, m/s^2
 dark_s, flights, begin_s = (float(x) for x in (*sys.argv[1:], *("20", "6", "45")[len(sys.argv) - 1 :]))
-covariance = np.diag(np.repeat([2e-5**2, 2e-3**2], 3))  # (rad/s)^2, (m/s^2)^2
 
 ratios = []
 for seed in range(1, round(flights) + 1):
     degrade = f"blackout@{begin_s:g}-{begin_s + dark_s:g}"
     flight = simulate_points("quadrotor", begin_s + dark_s + 5.0, seed, degrade=degrade)
-    truth = flight.truth
-    each = np.searchsorted(truth.t_ns, np.arange(truth.t_ns[0], truth.t_ns[-1], 1_000_000_000))
-    told = [BiasPrior(int(truth.t_ns[k]), truth.b_g[k], truth.b_a[k], covariance) for k in each]
+    told = load_prior(EXACT, flight).poll(flight.imu.t_ns[-1])
     dark_ns = flight.frames[0].t_ns + round(begin_s * 1e9)
     ate = []
     for measurements in ([], told, [prior for prior in told if prior.t_ns < dark_ns]):
         result = run(Filter(flight.calibration, prior=ListedPrior(measurements)), flight)
-        ate.append(score(result.trajectory, truth)["ate_m"])
+        ate.append(score(result.trajectory, flight.truth)["ate_m"])
     ratios.append(np.array(ate[1:]) / ate[0])
     print(f"seed {seed}: ATE {ate[0]:.3f} m; told throughout {ate[1]:.3f} m; told before {ate[2]:.3f} m")
 throughout, before = np.median(ratios, axis=0) - 1.0
