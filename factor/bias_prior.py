@@ -123,7 +123,7 @@ class BiasFactors:
     def _weighed(self, z: BiasPrior, k: int, values: gtsam.Values, t_ns: int) -> gtsam.NonlinearFactor:
         """A measurement with a Student-t weight by how surprising it is, as in the filter.
 
-        It speaks of the middle of its window: the biases have walked since.
+        It speaks of a time that has passed: the biases have walked since.
         """
         R = z.covariance + np.diag(self._walk) * max(t_ns - z.t_ns, 0) * 1e-9
         r = swapped(z.vector) - values.atConstantBias(B(k)).vector()

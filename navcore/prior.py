@@ -29,7 +29,7 @@ class BiasPrior:
     """One statement about the biases.
 
     Attributes:
-        t_ns: the time it speaks of: the middle of its window.
+        t_ns: when the biases were what it says: for a mean the middle of its window, for a smoother the end.
         b_g: (3,) rad/s in B.
         b_a: (3,) m/s^2 in B.
         covariance: (6, 6) of (b_g, b_a); for a measurement the short-lived part `e` only.
