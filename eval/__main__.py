@@ -15,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedCo
 from eval import files, metrics
 from eval.alignment import Mode
 from eval.cells import Study
+from eval.claims import claims_table
 from eval.errors import EvalError
 from eval.outcome import Outcome, load
 from eval.paired import paired
@@ -304,9 +305,10 @@ def _console() -> Console:
 def _show(outcome: Outcome, page: Path, console: Console) -> int:
     base = outcome.index.base
     overview = overview_table(outcome.records, paired(outcome.records, base), base)
-    verdict, wrong = verdict_table(verdicts(outcome.records, base)), failure_table(outcome)
-    for table in ([overview] if len(overview.columns) <= _MOST_COLUMNS else []) + [verdict, wrong]:
-        if table.rows:
+    found, wrong = verdicts(outcome.records, base), failure_table(outcome)
+    shown = [overview] if len(overview.columns) <= _MOST_COLUMNS else []
+    for table in (*shown, verdict_table(found), claims_table(found), wrong):
+        if table is not None and table.rows:
             console.print(table.rich())
     console.print(f"{len(outcome.records)} cells in {outcome.index.seconds / 60.0:.1f} min. Report: {page}")
     return 1 if wrong.rows else 0

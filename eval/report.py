@@ -14,6 +14,7 @@ import numpy as np
 from plotly.offline import get_plotlyjs
 
 from eval import figures, images, pictures
+from eval.claims import claims_table
 from eval.errors import StudyError
 from eval.outcome import Outcome
 from eval.paired import Paired, paired
@@ -78,7 +79,8 @@ def write_report(outcome: Outcome, workspace: Path, folder: Path | None = None) 
     for chapter in chapters:
         platforms.setdefault(chapter.platform, []).append(chapter)
     failures = failure_table(outcome)
-    verdict = _verdict(outcome)
+    found = verdicts(outcome.records, outcome.index.base)  # none if no cell counts as clean or degraded
+    verdict, claims = verdict_table(found) if found else None, claims_table(found)
     overview = overview_table(outcome.records, pairs, outcome.index.base)
     consistency = consistency_table(records)
     text = (
@@ -88,6 +90,7 @@ def write_report(outcome: Outcome, workspace: Path, folder: Path | None = None) 
             name=outcome.index.name,
             made=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
             facts=_facts(outcome),
+            claims=claims,
             verdict=verdict,
             headlines=headlines(pairs),
             overview=overview,
@@ -108,6 +111,7 @@ def write_report(outcome: Outcome, workspace: Path, folder: Path | None = None) 
     partial.replace(path)
     _save_figures(chapters, arms, examples, folder / "figures")
     tables = {"overview": overview, "consistency": consistency} | ({"verdict": verdict} if verdict else {})
+    tables |= {"claims": claims} if claims else {}
     for chapter in chapters:
         tables |= {f"{kind}-{chapter.place}": t for kind, t in zip(("scores", "paired"), chapter.tables, strict=True)}
     save_tables(tables, folder / "tables")
@@ -129,12 +133,6 @@ def of_recording(outcome: Outcome, key: str) -> Outcome:
     seconds = sum(r.scores.get("wall_s", 0.0) for r in mine)
     index = replace(outcome.index, name=f"{outcome.index.name}: {mine[0].config['recording']}", seconds=seconds)
     return replace(outcome, index=index, records=mine, missing=(), errors=())
-
-
-def _verdict(outcome: Outcome) -> Table | None:
-    """All cells together; None where the study has none that count as clean or degraded."""
-    found = verdicts(outcome.records, outcome.index.base)
-    return verdict_table(found) if found else None
 
 
 def headlines(pairs: list[Paired]) -> list[str]:
