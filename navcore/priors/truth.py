@@ -1,4 +1,4 @@
-"""`truth[:SIGMA_G,SIGMA_A]`: the recording's true biases, as the bound on what any prior can give."""
+"""`truth[:SIGMA_G,SIGMA_A]`: the recording's true biases: what a very good prior gives."""
 
 import numpy as np
 
