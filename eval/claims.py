@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from eval.tables import NOTHING, Table, percent
-from eval.verdict import Lost, Verdict
+from eval.verdict import Lost, Verdict, change, clean_change, honesty, portion
 
 _LEARNED = ("motion", "ipnet", "ipnet+motion")
 """Arms that infer biases by what was learned from other recordings, with the model of their error."""
@@ -38,36 +38,31 @@ def claims_table(found: Iterable[Verdict]) -> Table | None:
     if not columns:
         return None
     told = columns.values()
+    least, most = _NEES
     rows = (
         ("best learned prior", "", *(c.best.arm for c in told)),
         ("degraded cells: ATE with it", percent(_DEGRADED), *(_degraded(c.best) for c in told)),
-        ("… with the true biases", "", *(_change(c.truth) for c in told)),
-        ("… with the network, weighted as the paper does", "", *(_change(c.plain) for c in told)),
+        ("… with the true biases", "", *(change(c.truth) for c in told)),
+        ("… with the network, weighted as the paper does", "", *(change(c.plain) for c in told)),
         ("… runs that only it saves / loses", "", *(_lost(c.best.lost) for c in told)),
         ("… that the network so weighted does", "", *(_lost(c.plain.lost) for c in told)),
         ("clean cells: mean ATE with it", f"≤ {percent(_CLEAN)}", *(_clean(c.best) for c in told)),
         ("… cells that are worse", "0", *(_worse(c.best) for c in told)),
-        ("share of the true biases' gain, where certain", f"≥ {_SHARE:.0%}", *(_share(c.best) for c in told)),
-        ("… there better than the device's memory", f"≥ {_BETTER:.0%}", *(_better(c.best) for c in told)),
-        ("clean cells: NEES of b_g, b_a with it", "0.75…1.3", *(_nees(c.best) for c in told)),
-        ("… with the network, weighted as the paper does", "", *(_pair(c.plain) for c in told)),
+        ("share of the true biases' gain, where certain", f"≥ {portion(_SHARE)}", *(_share(c.best) for c in told)),
+        ("… there better than the device's memory", f"≥ {portion(_BETTER)}", *(_better(c.best) for c in told)),
+        ("clean cells: NEES of b_g, b_a with it", f"{least}…{most}", *(_nees(c.best) for c in told)),
+        ("… with the network, weighted as the paper does", "", *(honesty(c.plain) for c in told)),
     )
     return Table("What was to be shown, and what came of it", ("", "bar", *columns), rows)
 
 
-def _held(text: str, met: bool) -> str:
-    return text if met else f"{text}: not met"
-
-
-def _change(v: Verdict) -> str:
-    if v.ratio is None:
-        return NOTHING
-    interval = f" ({percent(v.low)} … {percent(v.high)})" if v.low is not None and v.high is not None else ""
-    return f"{percent(v.ratio)}{interval}"
+def _held(text: str, met: bool | None) -> str:
+    """What came of a claim; `met` is None if nothing did."""
+    return NOTHING if met is None else text if met else f"{text}: not met"
 
 
 def _degraded(v: Verdict) -> str:
-    return _held(_change(v), v.ratio is not None and v.ratio <= _DEGRADED)
+    return _held(change(v), None if v.ratio is None else v.ratio <= _DEGRADED)
 
 
 def _lost(lost: Lost) -> str:
@@ -75,29 +70,22 @@ def _lost(lost: Lost) -> str:
 
 
 def _clean(v: Verdict) -> str:
-    if v.clean is None:
-        return NOTHING
-    return _held(f"{100.0 * (v.clean - 1.0):+.1f} %".replace("-", "−"), v.clean <= _CLEAN)
+    return _held(clean_change(v), None if v.clean is None else v.clean <= _CLEAN)
 
 
 def _worse(v: Verdict) -> str:
-    return _held(f"{v.worse[0]} of {v.worse[1]}", v.worse[0] == 0) if v.worse[1] else NOTHING
+    worse, cells = v.worse
+    return _held(f"{worse} of {cells}", worse == 0 if cells else None)
 
 
 def _share(v: Verdict) -> str:
-    if v.share is None:
-        return NOTHING
-    return _held(f"{v.share:.0%} of {v.certain} cells".replace("-", "−"), v.share >= _SHARE)
+    return _held(f"{portion(v.share)} of {v.certain} cells", None if v.share is None else v.share >= _SHARE)
 
 
 def _better(v: Verdict) -> str:
-    return _held(f"{v.beats_constant:.0%}", v.beats_constant >= _BETTER) if v.beats_constant is not None else NOTHING
-
-
-def _pair(v: Verdict) -> str:
-    return ", ".join(f"{n:.2f}" if n is not None else NOTHING for n in v.nees)
+    return _held(portion(v.beats_constant), None if v.beats_constant is None else v.beats_constant >= _BETTER)
 
 
 def _nees(v: Verdict) -> str:
     known = [n for n in v.nees if n is not None]
-    return _held(_pair(v), all(_NEES[0] <= n <= _NEES[1] for n in known)) if known else NOTHING
+    return _held(honesty(v), all(_NEES[0] <= n <= _NEES[1] for n in known) if known else None)

@@ -126,19 +126,37 @@ def verdict_table(found: Iterable[Verdict]) -> Table:
     )
     rows = []
     for v in found:
-        interval = f" ({percent(v.low)} … {percent(v.high)})" if v.low is not None and v.high is not None else ""
         told = (
-            f"{percent(v.ratio)}{interval}" if v.ratio is not None else NOTHING,
-            *(str(v.runs), f"{v.lost.rescued} / {v.lost.spoilt}"),
-            f"{100.0 * (v.clean - 1.0):+.1f} %".replace("-", "−") if v.clean is not None else NOTHING,
-            *(f"{v.worse[0]} of {v.worse[1]}", f"{v.clean_lost.rescued} / {v.clean_lost.spoilt}"),
-            f"{v.share:.0%}".replace("-", "−") if v.share is not None else NOTHING,
-            str(v.certain),
-            f"{v.beats_constant:.0%}" if v.beats_constant is not None else NOTHING,
+            *(change(v), str(v.runs), f"{v.lost.rescued} / {v.lost.spoilt}"),
+            *(clean_change(v), f"{v.worse[0]} of {v.worse[1]}", f"{v.clean_lost.rescued} / {v.clean_lost.spoilt}"),
+            *(portion(v.share), str(v.certain), portion(v.beats_constant)),
         )
         known = told if v.runs or v.worse[1] else (NOTHING,) * len(told)
-        rows.append((v.estimator, v.arm, *known, ", ".join(f"{n:.2f}" if n is not None else NOTHING for n in v.nees)))
+        rows.append((v.estimator, v.arm, *known, honesty(v)))
     return Table("What each prior does, over all cells", columns, tuple(rows), labels=2)
+
+
+def change(v: Verdict) -> str:
+    """The ratio in degraded cells as a change, with its interval."""
+    if v.ratio is None:
+        return NOTHING
+    interval = f" ({percent(v.low)} … {percent(v.high)})" if v.low is not None and v.high is not None else ""
+    return f"{percent(v.ratio)}{interval}"
+
+
+def clean_change(v: Verdict) -> str:
+    """The mean ratio of clean cells as a change."""
+    return f"{100.0 * (v.clean - 1.0):+.1f} %".replace("-", "−") if v.clean is not None else NOTHING
+
+
+def portion(value: float | None) -> str:
+    """A share in percent."""
+    return f"{value:.0%}".replace("-", "−") if value is not None else NOTHING
+
+
+def honesty(v: Verdict) -> str:
+    """NEES of both biases."""
+    return ", ".join(f"{n:.2f}" if n is not None else NOTHING for n in v.nees)
 
 
 def _pooled(pairs: list[Paired]) -> tuple[float | None, float | None, float | None]:
