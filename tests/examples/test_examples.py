@@ -4,8 +4,11 @@ import runpy
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from eval import records
+from eval.outcome import Index
 from msckf import Filter
 from navcore.odometry import Run, RunRecorder, run
 from sim.points import simulate_points
@@ -97,3 +100,24 @@ def test_the_bound_is_of_the_truth(execute):
     before = len(names["measurements"])
     assert times[before - 1] < names["dark_ns"] <= times[before]
     assert text.startswith("seed 1: ATE ") and "median change: told throughout " in text
+
+
+def test_biases_in_the_dark_are_of_the_runs_of_a_study(execute, tmp_path):
+    t_s = np.arange(0.0, 20.0, 0.5)
+    keys, configs = ["a", "b", "c"], []
+    for key, off in zip(keys, (1.0, 2.0, 6.0), strict=True):
+        error = np.where(t_s <= 5.0, off, np.where(t_s <= 10.0, 50.0, np.where(t_s <= 15.0, 10.0 * off, 70.0)))
+        zero = np.zeros_like(t_s)
+        series = {"t_s": t_s} | {f"{to}b_{n}_{axis}": zero for to in ("", "true_") for n in "ga" for axis in "xyz"}
+        source = {"kind": "PointsFlight", "degrade": "blackout@5-15"}
+        config = {"source": source, "platform": "rover", "regime": "r", "condition": "dark"}
+        configs.append(config | {"estimator": "msckf", "arm": "motion"})
+        said = pd.DataFrame({"t_s": [4.0, 14.0, 16.0]})
+        series = pd.DataFrame(series | {"b_a_y": error})
+        records.write(records.Record(key, key, configs[-1], {}, series=series, statements=said), tmp_path)
+    Index("study", "none", {}, 1.0, keys, keys, configs).write(tmp_path)
+
+    _, text = execute("dark.py", tmp_path)
+
+    told = "b_g 0.00000, then 0.00000; b_a 2.00000, then 20.00000; spoken 2 times"
+    assert text == f"rover, r, dark, msckf, motion (3 runs): {told}\n"
